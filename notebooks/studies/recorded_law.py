@@ -29,7 +29,8 @@ def main(path: str) -> None:
     points = coordinates(**drawn, sigma_0=sigma_0, limit=rheobase)
     kept = points[np.isfinite(points).all(axis=1)]
     centre, root = kept.mean(axis=0).round(3), np.linalg.cholesky(np.cov(kept.T)).round(3)
-    print(f"residual sd {run.recorded_findings.residual_sd:.2f} Hz; sigma_0 > 0 in {len(kept)} of {len(points)} draws")
+    sd = run.provenance.recorded.rate_residual_sd
+    print(f"residual sd {sd:.2f} Hz; sigma_0 > 0 in {len(kept)} of {len(points)} draws")
     print(JointLaw(tuple(centre.tolist()), tuple(map(tuple, root.tolist())), round(rheobase, 4)))
 
 

@@ -14,6 +14,7 @@ from types import MappingProxyType
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
+from scipy.special import chdtrc
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.files.records import as_json, from_json, parse_json, to_json
@@ -35,6 +36,9 @@ from softness_bayes.parameters.priors import parse_prior
 from softness_bayes.touch.readings import ALTERNATIVES, Readings
 
 Section = TypeVar("Section")
+
+CONTRADICTION = 0.01
+"""Probability below which two sources contradict each other."""
 
 NOT_ASKED = "none asked for"
 """Attribute that marks a missing number."""
@@ -240,13 +244,45 @@ class PlateData:
     force_p_value: float
 
 
+class Agreement(NamedTuple):
+    """Agreement of two sources of data about the parameters that one model gives both."""
+
+    first: str
+    second: str
+    chi_square: float
+    """Squared distance of the sources' posterior modes by the sum of their covariances."""
+    degrees: int
+    """Number of common parameters."""
+
+    @property
+    def p_value(self) -> float:
+        """Probability of at least this distance if both sources have the same parameters."""
+        return float(chdtrc(self.degrees, self.chi_square))
+
+    @property
+    def contradicts(self) -> bool:
+        """True if `p_value` is below `CONTRADICTION`."""
+        return self.p_value < CONTRADICTION
+
+
 @dataclass(frozen=True)
 class RecordedData:
     """Recorded afferents of a run, and what it says of them."""
 
     digest_afferents: str
-    recorded_findings: Mapping[str, Any]
-    """Record of the `RecordedFindings`, which `Stored.recorded_findings` returns."""
+    rate_residual_sd: float
+    """Residual sd about the posterior mean of the rates [Hz]."""
+    rate_additive_sd: float
+    """The same about a table of effects of load, curvature and distance; NaN if it has as many effects as rows."""
+    rate_shifts: Mapping[str, Any]
+    """Distance of each parameter from the paper's values, in sd of its default prior."""
+    rest_low: float
+    rest: float
+    """Current at rest over the rheobase: median, and 5 and 95 % quantiles."""
+    rest_high: float
+    fires_at_rest: float
+    """Share of draws in which afferents fire without stress."""
+    agreements: tuple[Agreement, ...]
 
 
 class _Part(Generic[Section]):
@@ -394,6 +430,10 @@ _CODECS: Mapping[str, _Codec] = MappingProxyType(
         ),
         "Mapping[str, Any]": _Codec(
             lambda value: parse_json(str(value)), lambda value: as_json(value, "options of the run")
+        ),
+        "tuple[Agreement, ...]": _Codec(
+            lambda value: from_json(tuple[Agreement, ...], parse_json(str(value))),
+            lambda value: as_json(to_json(value), "agreements of the sources"),
         ),
         "RatingDirection": _Codec(lambda value: direction_named(str(value)), lambda value: value.name),
         "Scale": _Codec(lambda value: scale_named(str(value)), name_of_scale),

@@ -43,7 +43,10 @@ from softness_bayes.parameters.declared import PARAMETERS
 if TYPE_CHECKING:
     import pandas as pd
 
-    from softness_bayes.checking.provenance import Finding, PlateData
+    from softness_bayes.checking.provenance import Agreement, Finding, PlateData, RecordedData
+
+MUCH_WORSE = 1.5
+"""Ratio of residual sds of recorded rates above which the model is much worse than the table of effects."""
 
 FEW_FORCES = 10
 """Number of forces per finger below which the check of their exponent is called weak."""
@@ -286,6 +289,37 @@ def plate_sentence(plate: PlateData) -> str:
         f"{HERTZ_EXPONENT}); replicated: {plate.force_exponent_low:.2f} to {plate.force_exponent_high:.2f} (90 %), "
         f"p = {plate.force_p_value:.2g}{weak}"
     )
+
+
+def recorded_sentences(found: RecordedData) -> list[str]:
+    """Describe how well the model follows recorded rates, how far it is from the paper, and how sources agree."""
+    additive = (
+        f"; a table of effects of load, curvature and distance, without skin or receptors, leaves "
+        f"{number(found.rate_additive_sd)} Hz"
+    )
+    moved = ", ".join(f"{name} {value:+.1f}" for name, value in found.rate_shifts.items())
+    return [
+        f"recorded rates: the model leaves a residual sd of {number(found.rate_residual_sd)} Hz"
+        f"{additive if np.isfinite(found.rate_additive_sd) else ''}",
+        f"recorded afferents against the paper's values, in sd of their priors: {moved}",
+        f"current at rest: {number(found.rest)} of the rheobase ({number(found.rest_low)} to "
+        f"{number(found.rest_high)}, 90 %); firing at rest in {percent(found.fires_at_rest)} of draws",
+        *map(_agreement_sentence, found.agreements),
+    ]
+
+
+def _agreement_sentence(one: Agreement) -> str:
+    found = f"chi-square {number(one.chi_square)} on {one.degrees} parameters, p = {one.p_value:.2g}"
+    if one.contradicts:
+        return f"{one.first} and {one.second} contradict each other under this model ({found}): do not pool them"
+    return f"{one.first} and {one.second} do not contradict each other ({found})"
+
+
+def recorded_faults(found: RecordedData) -> tuple[str, ...]:
+    """Name what the model does not reproduce in recorded rates, and sources that contradict each other."""
+    worse = found.rate_residual_sd > MUCH_WORSE * found.rate_additive_sd  # NaN is not
+    apart = (f"{one.first} and {one.second} together" for one in found.agreements if one.contradicts)
+    return (*(("the recorded rates as well as a table of effects does",) if worse else ()), *apart)
 
 
 # what was learnt

@@ -256,13 +256,15 @@ def _of_afferents(data: Afferents) -> list[str]:
     from softness_bayes.experiments.understanding import understood_afferents
 
     known = understood_afferents(data)
-    low, high = known["least_rate_hz"], known["greatest_rate_hz"]
+    rates, curvatures, places = (
+        "{:.4g} to {:.4g}".format(*known["ranges"][name])
+        for name in ("rate_hz", "probe_curvature_per_m", "distance_mm")
+    )
     who = f"{_span(data.names)} named" if data.names else "none named: every row is a mean of several"
     return [
         f"afferents     {who}{''.join(f'; {name}' for name in data.species)}",
-        f"responses     {known['rates']} rates and {known['counts']} counts, {low:.3g} to {high:.3g} Hz",
-        f"probes        curvature {known['least_curvature_per_m']:g} to {known['greatest_curvature_per_m']:g} /m "
-        f"(0 is flat), {known['least_distance_mm']:g} to {known['greatest_distance_mm']:g} mm from the contact's axis",
+        f"responses     {known['rates']} rates and {known['counts']} counts, {rates} Hz",
+        f"probes        curvature {curvatures} /m (0 is flat), {places} mm from the contact's axis",
         f"probed at     {_span(known['loads'])}",
     ]
 

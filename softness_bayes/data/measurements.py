@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,8 +13,23 @@ from numpy.typing import NDArray
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.ranges import ANY, Range
 from softness_bayes.base.readable import counted, some_of
-from softness_bayes.data.columns import AFFERENTS, FORCE, FORCES_OF_A_PLATE, INDENTATION, NUMBERS, RATERS, Kind
-from softness_bayes.data.ratings import loads_in
+from softness_bayes.data.columns import (
+    AFFERENTS,
+    COUNT,
+    CURVATURE,
+    DISTANCE,
+    FORCE,
+    FORCES_OF_A_PLATE,
+    INDENTATION,
+    NUMBERS,
+    RATE,
+    RATE_SD,
+    RATERS,
+    WINDOW,
+    Column,
+    Kind,
+)
+from softness_bayes.data.ratings import loads_by_column, loads_in
 from softness_bayes.data.reading import OneTable
 from softness_bayes.data.tables import FloatArray, IntArray, Table, freeze
 from softness_bayes.data.texts import natural
@@ -110,8 +126,12 @@ class Compression(OneTable):
         )
 
 
-_AVERAGED = replace(RATERS, label="number of averaged responses", range=Range(1.0, 1e6))
-_ARRAYS = ("curvature", "distance", "rate", "n", "sd", "count", "window")
+AVERAGED = replace(RATERS, label="number of averaged responses", range=Range(1.0, 1e6))
+
+RESPONSES: Mapping[str, Column] = MappingProxyType(
+    {"curvature": CURVATURE, "distance": DISTANCE, "rate": RATE, "n": AVERAGED, "sd": RATE_SD, "window": WINDOW}
+)
+"""The arrays of `Afferents`, each with its column in files and results."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,10 +153,10 @@ class Afferents(OneTable):
     curvature, distance
         Probe curvature [1/m] (0: flat), and distance of the receptive field from the contact's axis [m], both (rows,).
     rate, n, sd
-        Firing rate [Hz] (NaN in rows with a count), number of responses averaged, and their standard deviation [Hz]
-        (NaN if not stated), all (rows,).
-    count, window
-        Number of spikes and duration [s] in which they were counted (NaN in rows with a rate), both (rows,).
+        Firing rate [Hz], number of responses averaged, and their standard deviation [Hz] (NaN if not stated), all
+        (rows,).
+    window
+        Duration [s] (rows,) in which spikes were counted, whose number is rate × window; NaN in rows with a rate.
     recording
         Name (rows,) of the recording, for tables and figures; empty where there is none.
     species
@@ -157,7 +177,6 @@ class Afferents(OneTable):
     rate: FloatArray
     n: FloatArray
     sd: FloatArray
-    count: FloatArray
     window: FloatArray
     rows: IntArray
     recording: tuple[str, ...] = ()
@@ -167,26 +186,31 @@ class Afferents(OneTable):
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        freeze(self, self.source, {"afferent": int, "rows": int, **dict.fromkeys(_ARRAYS, float)})
+        freeze(self, self.source, {"afferent": int, "rows": int, **dict.fromkeys(RESPONSES, float)})
 
     def __len__(self) -> int:
         return len(self.curvature)
 
     def take(self, rows: IntArray) -> Afferents:
         """Return some rows of the same afferents."""
-        arrays = {name: getattr(self, name)[rows] for name in ("afferent", "rows", *_ARRAYS)}
+        arrays = {name: getattr(self, name)[rows] for name in ("afferent", "rows", *RESPONSES)}
         named = tuple(self.recording[k] for k in rows) if self.recording else ()
         return replace(self, **arrays, loads=tuple(self.loads[k] for k in rows), recording=named)
 
     @property
     def counted(self) -> NDArray[np.bool_]:
         """True (rows,) for rows with a count of spikes instead of a rate."""
-        return ~np.isnan(self.count)
+        return ~np.isnan(self.window)
 
     @property
-    def observed(self) -> FloatArray:
-        """The response as a rate [Hz], shape (rows,): counts are divided by their window."""
-        return np.where(self.counted, self.count / self.window, self.rate)
+    def columns(self) -> dict[Column, FloatArray]:
+        """Values of loads, probes and responses by their column [SI], each (rows,), NaN where there is none."""
+        return {**loads_by_column(self.loads), **{column: getattr(self, name) for name, column in RESPONSES.items()}}
+
+    @property
+    def count(self) -> FloatArray:
+        """Number of spikes (rows,), NaN in rows with a rate."""
+        return np.round(self.rate * self.window)
 
     @classmethod
     def from_table(cls, table: Table) -> Afferents:
@@ -196,7 +220,7 @@ class Afferents(OneTable):
             if not {*pair} & table.titles.keys():
                 table.lack(f"no column {pair[0]!r} or {pair[1]!r}", *pair)
         table.check()
-        values = {name: table.numbers(_AVERAGED if name == "n" else name) for name in _NUMBERS}
+        values = {column.name: table.numbers(column) for column in (COUNT, *RESPONSES.values())}
         kept = np.flatnonzero(["".join(texts).strip() for texts in table.keys("rate_hz", "count")])
         loads = loads_in(table, None)
         for i in kept.tolist():
@@ -207,8 +231,11 @@ class Afferents(OneTable):
         notes = list(table.notes)
         if kept.size < len(table):
             notes.append(f"{counted(len(table) - kept.size, 'response is', 'responses are')} missing")
+        counts, window = values["count"], values["window_s"]
+        values["rate_hz"] = np.where(np.isnan(counts), values["rate_hz"], counts / window)
+        values["window_s"] = np.where(np.isnan(counts), np.nan, window)
         values["n"] = np.nan_to_num(values["n"], nan=1.0)
-        arrays: dict[str, Any] = {own: values[name][kept] for own, name in zip(_ARRAYS, _NUMBERS, strict=True)}
+        arrays: dict[str, Any] = {name: values[column.name][kept] for name, column in RESPONSES.items()}
         table = table.take(kept)
         afferents = table.texts("afferent")
         names = natural(filter(None, afferents))
@@ -222,9 +249,6 @@ class Afferents(OneTable):
             species=tuple(sorted({text for text in table.texts("species") if text})),
             **table.origin(notes),
         )
-
-
-_NUMBERS = ("probe_curvature_per_m", "distance_mm", "rate_hz", "n", "sd_hz", "count", "window_s")
 
 
 def _check_row(table: Table, i: int, values: Mapping[str, FloatArray]) -> None:

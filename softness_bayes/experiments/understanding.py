@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.inflection import curve_scene, response_curves
 from softness_bayes.data import Afferents, Compression, Experiment, Ratings
+from softness_bayes.data.columns import CURVATURE, DISTANCE, RATE
 from softness_bayes.data.oddities import oddities
 from softness_bayes.data.ratings import FREE_TOUCH, load_column, rank, with_few_loads
 from softness_bayes.experiments.design_information import Expected, as_it_is, foresee, others
@@ -173,15 +174,14 @@ def understood_afferents(data: Afferents) -> dict[str, Any]:
     return {
         "rates": int((~data.counted).sum()),
         "counts": int(data.counted.sum()),
-        "least_rate_hz": float(data.observed.min()),
-        "greatest_rate_hz": float(data.observed.max()),
         "afferents": list(data.names),
         "species": list(data.species),
         "loads": [str(load) for load in sorted({*data.loads}, key=rank)],
-        "least_curvature_per_m": float(data.curvature.min()),
-        "greatest_curvature_per_m": float(data.curvature.max()),
-        "least_distance_mm": float(data.distance.min()) * 1e3,
-        "greatest_distance_mm": float(data.distance.max()) * 1e3,
+        "ranges": {
+            column.name: [float(values.min() / column.factor), float(values.max() / column.factor)]
+            for column, values in data.columns.items()
+            if column in (RATE, CURVATURE, DISTANCE)
+        },
     }
 
 

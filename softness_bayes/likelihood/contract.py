@@ -126,8 +126,8 @@ class RowsLeftOut(NamedTuple):
     """Probability of a smaller observation; of discrete ones, half that of an equal one counts."""
 
 
-class Likelihood(ABC):
-    """Observations of one table under a model, with all effects of participants and fabrics integrated out.
+class Term(ABC):
+    """Observations of one table, of any kind, in a posterior: their density with all effects integrated out.
 
     Densities refer to observations as in the file: a density [1/unit] each, or a probability if they are discrete.
     """
@@ -135,28 +135,7 @@ class Likelihood(ABC):
     name: ClassVar[str]
     """Name of the data, which identifies the term in a posterior."""
     model: Any
-    """Its `Model`; for ratings, a `ratings.RatingsModel`."""
-    design: Design
-    """Participant and condition of each observation."""
-    values: FloatArray
-    """Observations as in the file, shape (rows,)."""
-
-    @property
-    def condition_of_rate(self) -> IndexArray:
-        """Condition of each column of the mean rates and of the drive, shape (columns,): first one for each condition.
-
-        Those of the same conditions under other loads, or on raters' own fingers, follow.
-        """
-        return np.arange(self.design.n_conditions)
-
-    @property
-    def discrete(self) -> NDArray[np.bool_]:
-        """True for observations whose density is a probability, shape (rows,); all False by default."""
-        return np.zeros(self.values.size, bool)
-
-    @abstractmethod
-    def with_values(self, values: ArrayLike) -> Self:
-        """Return the likelihood of other observations in the same rows."""
+    """The model, whose `needs` are the names of its parameters, without those behind the response."""
 
     @abstractmethod
     def without(self, rows: NDArray[np.bool_]) -> Self:
@@ -180,6 +159,51 @@ class Likelihood(ABC):
     def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
         """Return the law of each observation given all the others, at the observation."""
 
+    def for_sampling(self) -> Self:
+        """Return the likelihood in the form in which it is sampled; far from the data it may be less accurate.
+
+        Proposals that far away are rejected by either.
+        """
+        return self
+
+    @abstractmethod
+    def new_effects(self, rng: Generator, parameters: Parameters, shape: Shape, levels: Levels = None) -> Effects:
+        """Return prior draws of all effects, of batch `shape`; shared effects in `levels` are used as given."""
+
+    @abstractmethod
+    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
+        """Return exact draws of all effects given the observations, one for each point of the batch."""
+
+    @abstractmethod
+    def replicate(self, rng: Generator, drive: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
+        """Return a simulated observation for every row [as in the file] given `drive`, shape (..., rows)."""
+
+
+class Likelihood(Term):
+    """Observations of participants in conditions under a `Model`; for ratings, a `ratings.RatingsModel`."""
+
+    design: Design
+    """Participant and condition of each observation."""
+    values: FloatArray
+    """Observations as in the file, shape (rows,)."""
+
+    @property
+    def condition_of_rate(self) -> IndexArray:
+        """Condition of each column of the mean rates and of the drive, shape (columns,): first one for each condition.
+
+        Those of the same conditions under other loads, or on raters' own fingers, follow.
+        """
+        return np.arange(self.design.n_conditions)
+
+    @property
+    def discrete(self) -> NDArray[np.bool_]:
+        """True for observations whose density is a probability, shape (rows,); all False by default."""
+        return np.zeros(self.values.size, bool)
+
+    @abstractmethod
+    def with_values(self, values: ArrayLike) -> Self:
+        """Return the likelihood of other observations in the same rows."""
+
     def log_likelihood_answers(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of each answer given all the others, shape (..., answers).
 
@@ -187,13 +211,6 @@ class Likelihood(ABC):
         answer.
         """
         return self.left_out(mean_rate, parameters).log_density
-
-    def for_sampling(self) -> Self:
-        """Return the likelihood in the form in which it is sampled; far from the data it may be less accurate.
-
-        Proposals that far away are rejected by either.
-        """
-        return self
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of each participant's observations given all others', (..., participants)."""
@@ -234,21 +251,9 @@ class Likelihood(ABC):
         Checks estimate participants' slopes against it; a slope is in `Scale.unit` per unit of the regressor.
         """
 
-    @abstractmethod
-    def new_effects(self, rng: Generator, parameters: Parameters, shape: Shape, levels: Levels = None) -> Effects:
-        """Return prior draws of all effects, of batch `shape`; shared effects in `levels` are used as given."""
-
     def with_new_participants(self, rng: Generator, parameters: Parameters, effects: Effects) -> Effects:
         """Return these effects with the same number of new participants; by default no others are needed."""
         return self.new_effects(rng, parameters, effects.first_shape[:-1])
-
-    @abstractmethod
-    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
-        """Return exact draws of all effects given the observations, one for each point of the batch."""
-
-    @abstractmethod
-    def replicate(self, rng: Generator, drive: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
-        """Return a simulated observation for every row [as in the file] given `drive`, shape (..., rows)."""
 
     @abstractmethod
     def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:

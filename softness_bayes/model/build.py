@@ -34,7 +34,7 @@ from softness_bayes.model.direction import DRAWS, DirectionChoice, evidence_of
 from softness_bayes.model.interpretation import Interpretation, interpret
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Density, Posterior
-from softness_bayes.model.recordings.likelihood import RecordedRates, recording_model
+from softness_bayes.model.recordings.likelihood import RecordedRates, RecordingModel
 from softness_bayes.model.recordings.response import ProbedTouches
 from softness_bayes.parameters import declared
 from softness_bayes.parameters.choice import parameter_space
@@ -415,7 +415,7 @@ def _recorded(data: Experiment | Measurements, options: ModelOptions) -> list[Re
     rows = data.afferents
     freed = tuple(name for name in declared.OPTIONAL_RECORDING if name in {*options.fix, *options.priors})
     touches = ProbedTouches(rows.loads, rows.curvature, rows.distance, options.finger, options.readings)
-    return [RecordedRates(rows, touches, recording_model(rows, options.shared, freed))]
+    return [RecordedRates(rows, touches, RecordingModel.of(rows, options.shared, freed))]
 
 
 def spreads_between(ratings: Ratings) -> tuple[RaterSpreads, ...]:

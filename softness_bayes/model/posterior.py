@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.base.errors import InputError, NumericalError
-from softness_bayes.likelihood.contract import RATINGS, Likelihood, Parameters, RatingsLikelihood
+from softness_bayes.likelihood.contract import RATINGS, Parameters, RatingsLikelihood, Term
 from softness_bayes.likelihood.plate import FORCES, CompressionForces
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.space import ParameterSpace
@@ -48,7 +48,7 @@ class Density:
     """
 
     space: ParameterSpace
-    terms: tuple[Likelihood, ...]
+    terms: tuple[Term, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -68,17 +68,17 @@ class Density:
         """Log prior density at points theta (..., dimension), shape (...)."""
         return self.space.log_prior(theta).sum(axis=-1)
 
-    def term(self, name: str) -> Likelihood | None:
+    def term(self, name: str) -> Term | None:
         """The likelihood of one kind of data by its name; None if there are no such data."""
         return next((term for term in self.terms if term.name == name), None)
 
-    def with_term(self, term: Likelihood) -> Self:
+    def with_term(self, term: Term) -> Self:
         """The posterior with the data of the same name replaced."""
         return replace(self, terms=tuple(term if old.name == term.name else old for old in self.terms))
 
     @cached_property
     def for_sampling(self) -> Self:
-        """The density in the form in which it is sampled, `Likelihood.for_sampling`; itself if that is no other."""
+        """The density in the form in which it is sampled, `Term.for_sampling`; itself if that is no other."""
         terms = tuple(term.for_sampling() for term in self.terms)
         return self if terms == self.terms else replace(self, terms=terms)
 
@@ -90,7 +90,7 @@ class Density:
         """Mean rates as used by the likelihoods: `mean_rate`, followed by those of individual fingers, if any."""
         return self.mean_rate(theta)
 
-    def parameters_of(self, term: Likelihood, theta: FloatArray) -> Parameters:
+    def parameters_of(self, term: Term, theta: FloatArray) -> Parameters:
         """Return the parameters of a term's model at points theta, in SI: numbers if fixed, arrays (...) if sampled."""
         known = [name for name in term.model.needs if self.space.knows(name)]
         return Parameters(**{name: self.space.value(name, theta) * EVERY_PARAMETER[name].si for name in known})

@@ -20,7 +20,7 @@ from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, ErrorLaw
 from softness_bayes.likelihood.models import rating_model
 from softness_bayes.likelihood.plate import OF_FORCES, PLATE_PARAMETERS, CompressionForces
-from softness_bayes.model.recordings.likelihood import RecordedRates, recording_model
+from softness_bayes.model.recordings.likelihood import RecordedRates, RecordingModel
 from softness_bayes.model.recordings.response import ProbedTouches
 from softness_bayes.model.scenes import scaled, scene_of, touch_parameters
 from softness_bayes.parameters.declared import EVERY_PARAMETER
@@ -418,7 +418,7 @@ def simulate_afferents(rng: np.random.Generator, design: Afferents, values: Mapp
         The `RECORDING_PARAMETERS` that the table's model has, in natural units.
     """
     touches = ProbedTouches(design.loads, design.curvature, design.distance)
-    term = RecordedRates(design, touches, recording_model(design))
+    term = RecordedRates(design, touches, RecordingModel.of(design))
     at = Parameters(**{name: np.float64(values[name]) * EVERY_PARAMETER[name].si for name in term.model.needs})
     made = term.replicate(rng, term.rate(at), at, term.new_effects(rng, at, ()))
     return replace(term.with_values(made).data, source="simulated")

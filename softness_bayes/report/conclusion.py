@@ -17,7 +17,7 @@ from softness_bayes.checking.identifiability import INFORMED
 from softness_bayes.checking.layout import PEOPLE_ORDERS, layout_of, ratings_in
 from softness_bayes.checking.modulus_errors import LINEAR, MovedMost
 from softness_bayes.checking.quantities import DOUBTFUL, turns_reproduced
-from softness_bayes.checking.sentences import only_noisy, surprise_sentence, surprises
+from softness_bayes.checking.sentences import only_noisy, recorded_faults, surprise_sentence, surprises
 from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.likelihood.scales import FALLS, PAIRS, RISES
 from softness_bayes.model.direction import odd_raters
@@ -190,7 +190,7 @@ def facts_of(result: Result) -> Facts:
     """Return the values on which the conclusion about a result is based."""
     ending, summary = result.provenance.ending, result.summary()
     settled = summary["r_hat"].max() <= _AGREE and summary["ess_bulk"].min() >= _ENOUGH
-    recorded = result.recorded_findings.faults if result.has_afferents else ()
+    recorded = recorded_faults(result.provenance.recorded) if result.has_afferents else ()
     facts = Facts(
         ending.converged,
         ending.steps,

@@ -16,8 +16,18 @@ from softness_bayes.checking.check_table import LOO_PIT, PARETO_K
 from softness_bayes.checking.checks import LooPit
 from softness_bayes.checking.individual import MODULUS_LAW, modulus_laws
 from softness_bayes.data import Afferents, Compression, Experiment, Fabrics, Ratings
-from softness_bayes.data.columns import EFFECTIVE_MODULUS, GEOMETRIC_SD, LOAD_CV, POISSON_RATIO, RESOLUTION
+from softness_bayes.data.columns import (
+    EFFECTIVE_MODULUS,
+    FORCE,
+    GEOMETRIC_SD,
+    INDENTATION,
+    LOAD_CV,
+    POISSON_RATIO,
+    RESOLUTION,
+    Column,
+)
 from softness_bayes.data.forms import AggregatedCells
+from softness_bayes.data.measurements import RESPONSES
 from softness_bayes.data.ratings import loads_by_column
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.space import ParameterSpace
@@ -205,19 +215,16 @@ def _compression_of(result: Stored) -> Compression:
 
 def _afferents_of(result: Stored) -> Afferents:
     constant, observed = result.group("constant_data"), result.group("observed_data")["recorded_rate_hz"]
-    window, posterior = constant["count_window_s"].values, result.group("posterior")
-    counted = np.isfinite(window)
+    posterior, every = result.group("posterior"), {**constant, "recorded_rate_hz": observed}
+
+    def stored(column: Column) -> NDArray[Any]:
+        return np.asarray(every[f"recorded_{column.name}"].values * column.factor)
+
     return Afferents(
         tuple(str(name) for name in posterior["afferent"].values) if "afferent" in posterior.dims else (),
         constant["afferent_index"].values,
-        loads_at(constant["probe_indentation_mm"].values * 1e-3, constant["probe_force_n"].values),
-        constant["probe_curvature_per_m"].values,
-        constant["probe_distance_mm"].values * 1e-3,
-        np.where(counted, np.nan, observed.values),
-        constant["averaged_responses"].values,
-        constant["averaged_sd_hz"].values,
-        np.where(counted, np.round(observed.values * window), np.nan),
-        window,
-        observed["recorded_row"].values,
+        loads_at(stored(INDENTATION), stored(FORCE)),
+        **{name: stored(column) for name, column in RESPONSES.items()},
+        rows=observed["recorded_row"].values,
         digest=result.provenance.recorded.digest_afferents,
     )

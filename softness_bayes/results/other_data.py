@@ -8,22 +8,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
 from softness_bayes.base.files.run_files import RECORDED_RATES
 from softness_bayes.base.laws import LogNormal
-from softness_bayes.base.readable import number, percent
 from softness_bayes.checking.checks import check_exponent
-from softness_bayes.checking.provenance import PlateData, RecordedData, attributes_of
+from softness_bayes.checking.provenance import Agreement, PlateData, RecordedData, attributes_of
 from softness_bayes.data import Afferents, Compression, Experiment, Measurements
-from softness_bayes.data.columns import CURVATURE, DISTANCE, FORCE, INDENTATION
-from softness_bayes.data.ratings import loads_by_column
-from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood, Parameters
+from softness_bayes.data.columns import FORCE, INDENTATION
+from softness_bayes.likelihood.contract import NO_RESPONSE, Parameters, Term
 from softness_bayes.likelihood.plate import FORCES, CompressionForces
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.model.recordings.likelihood import RecordedRates
@@ -42,97 +39,8 @@ POINTS = 60
 PRESSED, RECORDED_ROW = ("force_row",), ("recorded_row",)
 """Axes of variables with one value per plate force, and per recorded response."""
 
-DOUBTFUL = 0.01
-"""Probability below which two sources contradict each other."""
-
-MUCH_WORSE = 1.5
-"""Ratio of residual sds above which the model is much worse than the table of effects."""
-
 NEAR_ZERO = 1.0
 """Rate [Hz] at which logs of observed rates are cut off, where the fit of the table of effects starts."""
-
-
-class Agreement(NamedTuple):
-    """Agreement of two sources of data about the parameters that one model gives both."""
-
-    first: str
-    second: str
-    chi_square: float
-    """Squared distance of the sources' posterior modes by the sum of their covariances."""
-    degrees: int
-    """Number of common parameters."""
-
-    @property
-    def p_value(self) -> float:
-        """Probability of at least this distance if both sources have the same parameters."""
-        return float(chdtrc(self.degrees, self.chi_square))
-
-    @property
-    def contradicts(self) -> bool:
-        """True if `p_value` is below `DOUBTFUL`."""
-        return self.p_value < DOUBTFUL
-
-    @property
-    def said(self) -> str:
-        """The agreement as a sentence."""
-        found = f"chi-square {number(self.chi_square)} on {self.degrees} parameters, p = {self.p_value:.2g}"
-        if self.contradicts:
-            return f"{self.first} and {self.second} contradict each other under this model ({found}): do not pool them"
-        return f"{self.first} and {self.second} do not contradict each other ({found})"
-
-
-class RecordedFindings(NamedTuple):
-    """Findings of a run about its recorded afferents."""
-
-    residual_sd: float
-    """Residual sd about the posterior mean of the rates [Hz]."""
-    additive_sd: float
-    """The same about `log_additive_sd`'s table."""
-    shifts: Mapping[str, float]
-    """As `shifts`."""
-    rest: tuple[float, float, float]
-    """Current at rest over the rheobase: 5, 50 and 95 % quantiles."""
-    fires_at_rest: float
-    """Share of draws in which afferents fire without stress."""
-    agreements: tuple[Agreement, ...]
-
-    def record(self) -> dict[str, Any]:
-        """Return the findings as JSON data."""
-        return {**self._asdict(), "shifts": dict(self.shifts), "agreements": [one._asdict() for one in self.agreements]}
-
-    @classmethod
-    def recorded(cls, record: Mapping[str, Any]) -> RecordedFindings:
-        """Return the findings of a record."""
-        agreements = tuple(Agreement(**one) for one in record["agreements"])
-        return cls(**{**record, "rest": tuple(record["rest"]), "agreements": agreements})
-
-    @property
-    def faults(self) -> tuple[str, ...]:
-        """Features that the model does not reproduce, in words."""
-        worse = self.residual_sd > MUCH_WORSE * self.additive_sd  # NaN is not
-        apart = (f"{one.first} and {one.second} together" for one in self.agreements if one.contradicts)
-        return (*(("the recorded rates as well as a table of effects does",) if worse else ()), *apart)
-
-    @property
-    def sentences(self) -> tuple[str, ...]:
-        """The findings in words."""
-        low, middle, high = map(number, self.rest)
-        beside = (
-            ""
-            if np.isnan(self.additive_sd)
-            else (
-                f"; a table of effects of load, curvature and distance, without skin or receptors, leaves "
-                f"{number(self.additive_sd)} Hz"
-            )
-        )
-        moved = ", ".join(f"{name} {value:+.1f}" for name, value in self.shifts.items())
-        return (
-            f"recorded rates: the model leaves a residual sd of {number(self.residual_sd)} Hz{beside}",
-            f"recorded afferents against the paper's values, in sd of their priors: {moved}",
-            f"current at rest: {middle} of the rheobase ({low} to {high}, 90 %); firing at rest in "
-            f"{percent(self.fires_at_rest)} of draws",
-            *(one.said for one in self.agreements),
-        )
 
 
 def other_data(rng: np.random.Generator, data: Experiment | Measurements, density: Density, points: Points) -> Part:
@@ -192,61 +100,49 @@ def _plate(
 
 def _recorded(rng: np.random.Generator, data: Afferents, density: Density, term: RecordedRates, points: Points) -> Part:
     every, few, prior, curves = (_parameters(density, term, theta) for theta in points)
-    effects, rate = term.draw_effects(rng, NO_RESPONSE, few), term.rate(few)
-    window = np.where(data.counted, data.window, 1.0)
-    again = term.replicate(rng, rate, few, effects) / window
+    again = term.replicate(rng, term.rate(few), few, term.draw_effects(rng, NO_RESPONSE, few))
     strangers = term.new_effects(rng, prior, points.prior.shape[:1])
-    anew = term.replicate(rng, term.rate(prior), prior, strangers) / window
+    anew = term.replicate(rng, term.rate(prior), prior, strangers)
     expected = term.rate(curves) * term.factors(term.draw_effects(rng, NO_RESPONSE, curves))
     alone = term.left_out(NO_RESPONSE, few).log_density
+    stored = {
+        f"recorded_{column.name}": Variable(values / column.factor, RECORDED_ROW, column.unit)
+        for column, values in data.columns.items()
+    }
     groups: Groups = {
         "posterior_predictive": {"recorded_rate_hz": Variable(again[None], RECORDED_ROW, "Hz")},
         "prior_predictive": {"recorded_rate_hz": Variable(anew[None], RECORDED_ROW, "Hz")},
         "predictions": {"expected_rate_hz": Variable(expected[None], RECORDED_ROW, "Hz")},
         "log_likelihood": {"recorded_rate_hz": Variable(alone[None], RECORDED_ROW)},
-        "observed_data": {"recorded_rate_hz": Variable(data.observed, RECORDED_ROW, "Hz")},
-        "constant_data": {
-            "probe_curvature_per_m": Variable(data.curvature, RECORDED_ROW, CURVATURE.unit),
-            "probe_distance_mm": Variable(data.distance / DISTANCE.factor, RECORDED_ROW, DISTANCE.unit),
-            **{
-                f"probe_{column.name}": Variable(values / column.factor, RECORDED_ROW, column.unit)
-                for column, values in loads_by_column(data.loads).items()
-            },
-            "afferent_index": Variable(data.afferent, RECORDED_ROW),
-            "averaged_responses": Variable(data.n, RECORDED_ROW),
-            "averaged_sd_hz": Variable(data.sd, RECORDED_ROW, "Hz"),
-            "count_window_s": Variable(data.window, RECORDED_ROW, "s"),
-        },
+        "observed_data": {"recorded_rate_hz": stored.pop("recorded_rate_hz")},
+        "constant_data": {**stored, "afferent_index": Variable(data.afferent, RECORDED_ROW)},
     }
     coordinates: dict[str, NDArray[Any]] = {"recorded_row": data.rows}
     if data.names:
         factors = term.draw_effects(rng, NO_RESPONSE, every).log_factor
         groups["posterior"] = {"log_rate_effect": Variable(factors, ("afferent",))}
         coordinates["afferent"] = np.array(data.names)
-    found = _findings(density, term, data, every, expected, points.every.mean(axis=(0, 1)))
-    attributes = attributes_of(RecordedData(data.digest, found.record()))
-    return Part(groups, coordinates, attributes, {RECORDED_RATES: _table(data, expected, again)})
+    found = _findings(density, term, data, every, expected)
+    return Part(groups, coordinates, attributes_of(found), {RECORDED_RATES: _table(data, expected, again)})
 
 
-def _parameters(density: Density, term: Likelihood, theta: Array) -> Parameters:
+def _parameters(density: Density, term: Term, theta: Array) -> Parameters:
     return density.parameters_of(term, theta).each(lambda value: np.broadcast_to(value, theta.shape[:-1]))
 
 
-def _findings(
-    density: Density, term: RecordedRates, data: Afferents, own: Parameters, expected: Array, near: Array
-) -> RecordedFindings:
+def _findings(density: Density, term: RecordedRates, data: Afferents, own: Parameters, expected: Array) -> RecordedData:
     at = term.model.afferent(own)
     rest, sigma_0 = term.touches.at_rest(at)
     draws = at._replace(sigma_0=sigma_0)._asdict()
     natural = {name: draws[name] / EVERY_PARAMETER[name].si for name in SHAREABLE}
-    low, middle, high = np.quantile(rest, [0.05, 0.5, 0.95]).tolist()
-    return RecordedFindings(
-        float(np.sqrt(np.mean((data.observed - expected.mean(axis=0)) ** 2))),
+    return RecordedData(
+        data.digest,
+        float(np.sqrt(np.mean((data.rate - expected.mean(axis=0)) ** 2))),
         log_additive_sd(data),
         shifts(natural, term.touches.readings.skin_displacement),
-        (low, middle, high),
+        *np.quantile(rest, [0.05, 0.5, 0.95]).tolist(),
         float((rest > 1.0).mean()),
-        agreements(density, near),
+        agreements(density),
     )
 
 
@@ -262,7 +158,7 @@ def log_additive_sd(data: Afferents) -> float:
     columns = [np.ones(len(data))]
     for values in texts:
         columns += [(values == level).astype(float) for level in np.unique(values)[1:]]
-    design, observed = np.column_stack(columns), data.observed
+    design, observed = np.column_stack(columns), data.rate
     if np.linalg.matrix_rank(design) >= len(data):
         return float("nan")
     start = np.linalg.lstsq(design, np.log(np.maximum(observed, NEAR_ZERO)), rcond=None)[0]
@@ -285,13 +181,10 @@ def shifts(draws: Mapping[str, Array], displacement: SkinDisplacement) -> dict[s
     """
     usual = PRIOR_SETS["default"].get(displacement, {})
     found = {}
-    for name in SHAREABLE:
-        prior = usual.get(name, PARAMETERS[name].prior)
-        if name in draws and isinstance(prior, LogNormal):
-            with np.errstate(invalid="ignore", divide="ignore"):
-                logs = np.log(draws[name])
-            if np.isfinite(logs).any():
-                found[name] = float((np.mean(logs[np.isfinite(logs)]) - np.log(prior.median)) / prior.sd_log)
+    for name, values in draws.items():
+        prior, known = usual.get(name, PARAMETERS[name].prior), values[values > 0]  # NaN is not
+        if known.size and isinstance(prior, LogNormal):
+            found[name] = float((np.log(known).mean() - np.log(prior.median)) / prior.sd_log)
     return found
 
 
@@ -299,10 +192,8 @@ def _table(data: Afferents, expected: Array, again: Array) -> pd.DataFrame:
     """Return each response with the median of its expectation and 90 % limits of its replicates."""
     columns: dict[str, Any] = {"recording": data.recording} if data.recording else {}
     columns["afferent"] = [data.names[k] if k >= 0 else "" for k in data.afferent]
-    loads = loads_by_column(data.loads).items()
-    columns |= {column.name: values / column.factor for column, values in loads if not np.isnan(values).all()}
-    columns |= {CURVATURE.name: data.curvature, DISTANCE.name: data.distance / DISTANCE.factor}
-    columns["rate_hz"] = data.observed
+    known = {column: values for column, values in data.columns.items() if not np.isnan(values).all()}
+    columns |= {column.name: values / column.factor for column, values in known.items()}
     columns["expected_hz"] = np.median(expected, axis=0)
     columns["low_hz"], columns["high_hz"] = np.quantile(again, [0.05, 0.95], axis=0)
     return pd.DataFrame(columns, index=pd.Index(data.rows, name="row"))
@@ -311,25 +202,20 @@ def _table(data: Afferents, expected: Array, again: Array) -> pd.DataFrame:
 CHAIN = ("b", "m", "alpha", "beta", "rest", "sigma_0", "spread", "radius", "depth")
 """Parameters of which sources may have a common value, without the suffix of recordings."""
 
-STARTS = 5
+STARTS = 3
 """Prior draws from which a mode is sought, beside the prior's median."""
 
 
-def agreements(density: Density, near: Array | None = None) -> tuple[Agreement, ...]:
+def agreements(density: Density) -> tuple[Agreement, ...]:
     """Return how well each pair of sources agrees about their common parameters.
 
     Every source is fitted alone under the run's priors, by its posterior mode and the curvature there; thus a joint run
     cannot hide a contradiction behind wider spreads.
-
-    Parameters
-    ----------
-    density
-        The density of the run.
-    near
-        A point (dimension,) from which modes are sought too, such as the mean of the run's draws.
     """
     sources = _sources(density)
-    modes = [(name, *_mode(one, density.space, near)) for name, one in sources if len(sources) > 1]
+    modes = [
+        (name, [own.removesuffix("_rec") for own in one.names], _mode(one)) for name, one in sources if len(sources) > 1
+    ]
     found = []
     for (first, one, here), (second, other, there) in combinations(modes, 2):
         common = [name for name in CHAIN if name in one and name in other]
@@ -364,22 +250,14 @@ def _sources(density: Density) -> list[tuple[str, Density]]:
     return found
 
 
-def _alone(space: ParameterSpace, term: Likelihood) -> Density:
+def _alone(space: ParameterSpace, term: Term) -> Density:
     """Return the density of one source, with its own parameters."""
     needs = {*term.model.needs}
     held = {name: value for name, value in space.held.items() if name in needs}
     return Density(ParameterSpace(tuple(p for p in space.sampled if p.name in needs), held), (term,))
 
 
-def _mode(density: Density, whole: ParameterSpace, near: Array | None) -> tuple[list[str], Optimum]:
-    """Return the names of a source's parameters, without the suffix of recordings, and its posterior's mode."""
-    space = density.space
-    # a response takes its time
-    starts = [
-        space.median,
-        *space.draw_prior(np.random.default_rng(0), 0 if isinstance(density, Posterior) else STARTS),
-    ]
-    if near is not None:
-        starts.append(np.array([near[whole.names.index(name)] for name in space.names]))
-    modes = [climb(density, start) for start in space.coordinates(np.array(starts))]
-    return [name.removesuffix("_rec") for name in space.names], max(modes, key=lambda mode: mode.log_density)
+def _mode(density: Density) -> Optimum:
+    """Return the highest optimum uphill from the prior's median and some draws."""
+    starts = [density.space.coordinates(density.space.median), *density.draw_start(np.random.default_rng(0), STARTS)]
+    return max((climb(density, start) for start in starts), key=lambda optimum: optimum.log_density)

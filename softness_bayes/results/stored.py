@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from softness_bayes.data import Fabrics
-    from softness_bayes.results.other_data import RecordedFindings
 
 Array = NDArray[np.float64]
 
@@ -207,13 +206,6 @@ class Stored:
         from softness_bayes.model.fingers import finger_of
 
         return finger_of(self.provenance.asked.options.get("finger", {}))
-
-    @property
-    def recorded_findings(self) -> RecordedFindings:
-        """Findings about the recorded afferents of the run."""
-        from softness_bayes.results.other_data import RecordedFindings
-
-        return RecordedFindings.recorded(self.provenance.recorded.recorded_findings)
 
     @property
     def readings(self) -> Readings:

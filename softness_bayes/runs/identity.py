@@ -56,7 +56,7 @@ def _digests(data: Experiment | Measurements) -> dict[str, str]:
     found = {} if plate is None else {"compression data": _digest(plate.participant, plate.indentation, plate.force)}
     if recorded is not None:
         place = np.array([str(load) for load in recorded.loads]), recorded.curvature, recorded.distance
-        responses = recorded.rate, recorded.n, recorded.sd, recorded.count, recorded.window
+        responses = recorded.rate, recorded.n, recorded.sd, recorded.window
         found |= {"recorded afferents": _digest(recorded.afferent, *place, *responses)}
     if isinstance(data, Measurements):
         return found

@@ -349,13 +349,13 @@ def hertz_force(reduced_modulus: Array, radius: Array, finger: Fingertip) -> Arr
     return 4.0 * reduced_modulus * radius**3 / (3.0 * finger.radius)
 
 
-def log_compliance_ratio(fabric_modulus: ArrayLike, fabric_poisson: ArrayLike, finger: Finger) -> Array:
+def log_compliance_ratio(fabric_modulus: ArrayLike, fabric_poisson: ArrayLike, finger: Fingertip) -> Array:
     """Return ln k, k = (1 - nu_fab²) / ((1 - nu_skin²) E_fab) [1/Pa] (model.md 2)."""
     modulus, poisson = np.asarray(fabric_modulus, float), np.asarray(fabric_poisson, float)
     return np.log1p(-(poisson**2)) - np.log1p(-(finger.poisson_ratio**2)) - np.log(modulus)
 
 
-def reduced_modulus(skin: Array, fabric_modulus: ArrayLike, fabric_poisson: ArrayLike, finger: Finger) -> Array:
+def reduced_modulus(skin: Array, fabric_modulus: ArrayLike, fabric_poisson: ArrayLike, finger: Fingertip) -> Array:
     """Return E_star [Pa], 1/E_star = (1-nu_skin²)/E_skin + (1-nu_fab²)/E_fab (model.md 3)."""
     fabric, poisson = np.asarray(fabric_modulus, float), np.asarray(fabric_poisson, float)
     return 1.0 / ((1.0 - finger.poisson_ratio**2) / skin + (1.0 - poisson**2) / fabric)
@@ -364,27 +364,27 @@ def reduced_modulus(skin: Array, fabric_modulus: ArrayLike, fabric_poisson: Arra
 def solve_contact(
     fabric_modulus: ArrayLike,
     fabric_poisson: ArrayLike,
-    load: Load,
+    load: Load | Loads,
     b: ArrayLike,
     m: ArrayLike,
-    finger: Finger = Finger(),
+    finger: Fingertip = Finger(),
     displacement: SkinDisplacement = STRAIN,
 ) -> Contact:
-    """Solve the contact of a finger and a fabric under one load (model.md 2-3).
+    """Solve the contact of a finger and a fabric (model.md 2-3).
 
     Parameters
     ----------
     fabric_modulus, fabric_poisson
         E_fab [Pa] and nu_fab [-].
     load
-        `Indentation` or `Force`.
+        `Indentation` or `Force`, or `Loads` of the last axis.
     b, m
         Skin modulus at rest [Pa] and its exponent ([-] or [1/m], depending on `displacement`).
 
     Returns
     -------
     Contact
-        Fields of the broadcast shape of the four arrays.
+        Fields of the broadcast shape of all arrays.
 
     Raises
     ------
@@ -392,11 +392,12 @@ def solve_contact(
         If a modulus or b is not positive, m is negative, a Poisson ratio is outside (-1, 0.5], or
         any of them is not finite.
     """
-    require_kind("load", load, (Indentation, Force), LOAD)
+    require_kind("load", load, (Indentation, Force, Loads), LOAD)
     modulus, poisson = (numbers("fabric", given) for given in (fabric_modulus, fabric_poisson))
     if not ((modulus > 0) & np.isfinite(modulus)).all() or not ((poisson > -1) & (poisson <= 0.5)).all():
         raise InputError("fabric: expected a positive finite modulus and a Poisson ratio in (-1, 0.5]")
-    loads, log_k = Loads(load), log_compliance_ratio(fabric_modulus, fabric_poisson, finger)
+    loads = load if isinstance(load, Loads) else Loads(load)
+    log_k = log_compliance_ratio(fabric_modulus, fabric_poisson, finger)
     skin = skin_modulus(*loads.compression(finger, displacement), log_k, b, m)
     found = loads.contact(skin, reduced_modulus(skin, fabric_modulus, fabric_poisson, finger), finger)
     return Contact(*np.broadcast_arrays(*found))

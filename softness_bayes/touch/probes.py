@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.special import lambertw
+from numpy.typing import ArrayLike
 
-from softness_bayes.base.errors import InputError
-from softness_bayes.touch.contact import STRAIN, Contact, Finger, Fingertip, Load, Loads, SkinDisplacement
+from softness_bayes.touch.contact import Fingertip, Fingertips
 
-Array = NDArray[np.float64]
+RIGID = 1e30
+"""E_fab [Pa] of a probe: 1 + E_skin / E_fab is then 1 in floating-point numbers, so that it is the rigid limit."""
+
+WRAPPED = 1.0
+"""Least relative curvature [1/m]: a hollow that is narrower than the finger lies against all of it."""
 
 
 @dataclass(frozen=True)
 class Probe:
-    """A rigid flat, sphere or hollow, which stands where a fabric may stand.
+    """Rigid flats, spheres or hollows, which stand where fabrics of modulus `RIGID` may stand.
 
     Parameters
     ----------
@@ -25,49 +27,9 @@ class Probe:
         contact follows from 1/R* = 1/R + kappa.
     """
 
-    curvature: float = 0.0
+    curvature: ArrayLike = 0.0
 
-    def under(self, finger: Finger) -> Finger:
-        """Return the finger whose contact with a flat is that of this finger with the probe.
-
-        Raises
-        ------
-        InputError
-            If the hollow is narrower than the finger, so that they do not touch at one place.
-        """
-        if not 1.0 / finger.radius + self.curvature > 0:
-            raise InputError(
-                f"probe: curvature {self.curvature:g} /m, expected more than {-1.0 / finger.radius:g} /m: a narrower "
-                "hollow does not touch the fingertip at one place"
-            )
-        return replace(finger, radius=1.0 / (1.0 / finger.radius + self.curvature))
-
-
-def rigid_contact(
-    loads: Load | Loads, b: ArrayLike, m: ArrayLike, finger: Fingertip, displacement: SkinDisplacement = STRAIN
-) -> Contact:
-    """Solve the contact of a finger with rigid flats; for probes, `finger` has their relative radius R*.
-
-    With 1/E_fab = 0 the skin's compression is u = C E^-p (`Loads.compression`), and E = b exp(m u) has the solution
-    E = b exp(W(p m C b^-p) / p) with Lambert's W; for p = 0, where the radius is given, E = b exp(m C).
-
-    Parameters
-    ----------
-    loads
-        One load, or one for each place of the last axis.
-    b, m
-        Skin modulus at rest [Pa] and its exponent, as for `contact.solve_contact`; they broadcast with the loads.
-    finger
-        The fingertip; radii are R* [m].
-    displacement
-        Reading of the skin's displacement.
-    """
-    loads = loads if isinstance(loads, Loads) else Loads(loads)
-    b, m = np.asarray(b, float), np.asarray(m, float)
-    log_scale, p = loads.compression(finger, displacement)
-    with np.errstate(divide="ignore"):
-        x = m * np.exp(log_scale - p * np.log(b))
-    power = np.where(p > 0, p, 1.0)
-    exponent = np.where(p > 0, lambertw(power * x).real / power, x)
-    skin = b * np.exp(np.minimum(exponent, 600.0))  # the exponent stays in the range of numbers
-    return loads.contact(skin, skin / (1.0 - finger.poisson_ratio**2), finger)
+    def under(self, finger: Fingertip) -> Fingertips:
+        """Return the fingers whose contact with a flat is that of these fingers with the probe."""
+        radius = 1.0 / np.maximum(1.0 / np.asarray(finger.radius, float) + self.curvature, WRAPPED)
+        return Fingertips(radius, np.asarray(finger.receptor_depth), finger.poisson_ratio)

@@ -10,32 +10,23 @@ With lambda the rate of `response.ProbedTouches` and f_j the factor of afferent 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import betainc, gammainc, gammaincc, gammaln, log_ndtr, ndtr, ndtri
+from scipy.special import betainc, gammainc, gammaincc, gammaln, log_ndtr, ndtr
 
-from softness_bayes.base.laws import LOG_TWO_PI, Prior
+from softness_bayes.base.laws import LOG_TWO_PI
 from softness_bayes.data.measurements import Afferents
-from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters, RowsLeftOut
-from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
+from softness_bayes.likelihood.contract import Effects, Levels, Parameters, RowsLeftOut, Shape, Term
 from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces, log_sum
 from softness_bayes.likelihood.quadrature import draw_on_nodes
-from softness_bayes.likelihood.scales import STANDARDISED, Scale
 from softness_bayes.model.recordings.response import Afferent, ProbedTouches
 from softness_bayes.parameters.declared import RECORDED
 
 Array = NDArray[np.float64]
-
-FIRING = replace(
-    STANDARDISED, name="firing", meaning="firing rates [Hz] or counts", unit="Hz", short="Hz", label="firing rate [Hz]"
-)
-"""Scale of recorded rates and counts; not a scale of ratings."""
 
 SILENT = 0.1
 """Rate [Hz] added to that of counts, so that a spike of an afferent predicted to be silent has a finite probability."""
@@ -57,48 +48,33 @@ class RecordingModel:
     """
 
     needs: tuple[str, ...]
-    scale: ClassVar[Scale] = FIRING
-    error: ClassVar[ErrorLaw] = NORMAL
-    levels: ClassVar[Mapping[str, Prior]] = MappingProxyType({})
+
+    @classmethod
+    def of(cls, data: Afferents, shared: tuple[str, ...] = (), freed: tuple[str, ...] = ()) -> RecordingModel:
+        """Return the model of a table.
+
+        Parameters
+        ----------
+        data
+            The table, which decides on the parameters of errors.
+        shared
+            Parameters of the chain, of `SHAREABLE`, that recorded afferents share with ratings and plates.
+        freed
+            Optional parameters, of `OPTIONAL_RECORDING`, that are sampled.
+        """
+        chain = tuple(name if name in shared else f"{name}_rec" for name in ("b", "m", "alpha", "beta"))
+        threshold = "sigma_0" if "sigma_0" in shared else "rest_rec"
+        errors = {
+            "sd_rate": bool((~data.counted & np.isnan(data.sd)).any()),
+            "tau_afferent": len(data.names) > 1,
+            "fano": bool(data.counted.any()),
+        }
+        return cls((*chain, threshold, *freed, *(name for name, has in errors.items() if has)))
 
     def afferent(self, parameters: Parameters) -> Afferent:
         """Return the parameters of the response in SI."""
         named = {name.removesuffix("_rec"): getattr(parameters, name) for name in self.needs}
         return Afferent(**{name: named[name] for name in Afferent._fields if name in named})
-
-    def error_sd(self, parameters: Parameters) -> Array:
-        """Return 1: residuals are standard normal scores."""
-        return np.ones(parameters.batch_shape())
-
-    def typical(self, effects: Effects, drive: Array) -> Array:
-        """Return the rate of a typical afferent [Hz], shape (..., k)."""
-        return drive
-
-    def named_effects(self, effects: Effects) -> Mapping[str, tuple[Array, tuple[str, ...]]]:
-        """Return the sensitivities by their name in files."""
-        return {"log_rate_effect": (effects.log_factor, ("afferent",))}
-
-
-def recording_model(data: Afferents, shared: tuple[str, ...] = (), freed: tuple[str, ...] = ()) -> RecordingModel:
-    """Return the model of a table.
-
-    Parameters
-    ----------
-    data
-        The table, which decides on the parameters of errors.
-    shared
-        Parameters of the chain, of `SHAREABLE`, that recorded afferents share with ratings and plates.
-    freed
-        Optional parameters, of `OPTIONAL_RECORDING`, that are sampled.
-    """
-    chain = tuple(name if name in shared else f"{name}_rec" for name in ("b", "m", "alpha", "beta"))
-    threshold = "sigma_0" if "sigma_0" in shared else "rest_rec"
-    errors = {
-        "sd_rate": bool((~data.counted & np.isnan(data.sd)).any()),
-        "tau_afferent": len(data.names) > 1,
-        "fano": bool(data.counted.any()),
-    }
-    return RecordingModel((*chain, threshold, *freed, *(name for name, has in errors.items() if has)))
 
 
 class _Given(NamedTuple):
@@ -112,11 +88,8 @@ class _Given(NamedTuple):
     """Log density of each named row."""
 
 
-class RecordedRates(Likelihood):
+class RecordedRates(Term):
     """Rates and counts of afferents under a `RecordingModel`.
-
-    Named afferents are the participants of the design, and each mean of several is one more; every row is a separate
-    condition.
 
     Parameters
     ----------
@@ -132,28 +105,14 @@ class RecordedRates(Likelihood):
 
     def __init__(self, data: Afferents, touches: ProbedTouches, model: RecordingModel) -> None:
         self.data, self.touches, self.model = data, touches, model
-        self.values = np.where(data.counted, data.count, data.rate)
-        varies = "tau_afferent" in model.needs
-        self._named = np.flatnonzero((data.afferent >= 0) & varies)
+        varies = (data.afferent >= 0) & ("tau_afferent" in model.needs)
+        self._named, self._single = np.flatnonzero(varies), np.flatnonzero(~varies)
         self._varying = data.take(self._named)
         self._member = np.eye(len(data.names))[self._varying.afferent]
-        person = data.afferent.copy()
-        person[person < 0] = len(data.names) + np.arange((person < 0).sum())
-        rows = len(data)
-        self.design = Design(np.arange(rows), person, np.zeros(rows, np.intp), int(person.max()) + 1)
-        self._apart = np.eye(self.design.n_participants)[person]
-        self._apart[self._named] = 0.0
 
-    @property
-    def discrete(self) -> NDArray[np.bool_]:
-        """True for counts and silence, shape (rows,)."""
-        return self.data.counted | (self.values == 0.0)
-
-    def with_values(self, values: ArrayLike) -> Self:
-        """Return the likelihood of other rates and counts in the same rows."""
-        values, counted = np.asarray(values, float), self.data.counted
-        filed = replace(self.data, rate=np.where(counted, np.nan, values), count=np.where(counted, values, np.nan))
-        return type(self)(filed, self.touches, self.model)
+    def with_values(self, rates: ArrayLike) -> Self:
+        """Return the likelihood of other rates [Hz] in the same rows; those of counts are divided by their window."""
+        return type(self)(replace(self.data, rate=np.asarray(rates, float)), self.touches, self.model)
 
     def without(self, rows: NDArray[np.bool_]) -> Self:
         """Return the likelihood of the other rows of the same afferents."""
@@ -166,15 +125,11 @@ class RecordedRates(Likelihood):
 
     def log_likelihood(self, mean_rate: Array, parameters: Parameters) -> Array:
         """Return the log density of all rows together, shape (...)."""
-        return self.log_likelihood_participants(mean_rate, parameters).sum(axis=-1)
-
-    def log_likelihood_participants(self, mean_rate: Array, parameters: Parameters) -> Array:
-        """Return the log density of each afferent's rows, and of each mean of several, shape (..., participants)."""
         rate = self.rate(parameters)
-        found = self._law(parameters, self.data).log_density(rate) @ self._apart
+        found = self._law(parameters, self.data).log_density(rate)[..., self._single].sum(axis=-1)
         if self._named.size:
-            found[..., : len(self.data.names)] += log_sum(self._given(rate, parameters).log_weight, axis=0)
-        return found
+            found = found + log_sum(self._given(rate, parameters).log_weight, axis=0).sum(axis=-1)
+        return np.asarray(found)
 
     def left_out(self, mean_rate: Array, parameters: Parameters) -> RowsLeftOut:
         """Return the law of each row given all others, at the observation, arrays (..., rows)."""
@@ -195,20 +150,8 @@ class RecordedRates(Likelihood):
             ).sum(0)
         return RowsLeftOut(density, below)
 
-    def drive(self, mean_rate: Array, parameters: Parameters) -> Array:
-        """Return the rate of a typical afferent in every row [Hz], shape (..., rows)."""
-        return self.rate(parameters)
-
-    def predictor(self, mean_rate: Array, parameters: Parameters) -> Array:
-        """Return the rate of a typical afferent, to which expected rates are proportional within afferents."""
-        return self.rate(parameters)
-
     def new_effects(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        shape: tuple[int, ...],
-        levels: Mapping[str, ArrayLike] | None = None,
+        self, rng: np.random.Generator, parameters: Parameters, shape: Shape, levels: Levels = None
     ) -> Effects:
         """Return the sensitivities of new afferents, of batch ``shape``."""
         tau = np.asarray(parameters.tau_afferent if self._named.size else 0.0, float)[..., None]
@@ -219,30 +162,16 @@ class RecordedRates(Likelihood):
         rate = self.rate(parameters)
         if not self._named.size:
             return self.new_effects(rng, parameters, rate.shape[:-1])
-        return Effects(
-            log_factor=in_pieces(lambda *some: self._drawn(rng, *some), 20 * len(self.data), rate, parameters)
-        )
 
-    def _drawn(self, rng: np.random.Generator, rate: Array, parameters: Parameters) -> Array:
-        """Return draws of ln f_j at rates (..., rows), shape (..., afferents)."""
-        given = self._given(rate, parameters)
-        return draw_on_nodes(rng, np.moveaxis(given.factor, 0, -1), np.moveaxis(given.log_weight, 0, -1))
+        def drawn(rate: Array, parameters: Parameters) -> Array:
+            factor, log_weight, _ = (np.moveaxis(value, 0, -1) for value in self._given(rate, parameters))
+            return draw_on_nodes(rng, factor, log_weight)
 
-    def replicate(
-        self,
-        rng: np.random.Generator,
-        drive: Array,
-        parameters: Parameters,
-        effects: Effects,
-        mean_rate: Array | None = None,
-    ) -> Array:
-        """Return a rate [Hz] or a count for every row, shape (..., rows)."""
+        return Effects(log_factor=in_pieces(drawn, 20 * len(self.data), rate, parameters))
+
+    def replicate(self, rng: np.random.Generator, drive: Array, parameters: Parameters, effects: Effects) -> Array:
+        """Return a rate [Hz] for every row at the rates `drive` of a typical afferent, shape (..., rows)."""
         return self._law(parameters, self.data).draw(rng, drive * self.factors(effects))
-
-    def residual(self, mean_rate: Array, parameters: Parameters, effects: Effects) -> Array:
-        """Return the normal score of every row, given the sensitivities, shape (..., rows)."""
-        below = self._law(parameters, self.data).below(self.rate(parameters) * self.factors(effects))
-        return np.asarray(ndtri(np.clip(below, 1e-12, 1.0 - 1e-12)))
 
     def factors(self, effects: Effects) -> Array:
         """Return the factor of every row, shape (..., rows)."""
@@ -268,7 +197,7 @@ class RecordedRates(Likelihood):
             mean = r * np.exp(u @ self._member.T)
             weight = mean / law.variance(mean)
             info = (weight * mean) @ self._member + 1.0 / tau2
-            score = (weight * (law.data.observed - mean)) @ self._member - u / tau2 - 0.5
+            score = (weight * (law.data.rate - mean)) @ self._member - u / tau2 - 0.5
             u = u + np.clip(score / info, -1.0, 1.0)
         width = 1.0 / np.sqrt(info)  # of the law about the mode, and between nodes
         factor = u + np.multiply.outer(_NODES, width)
@@ -292,7 +221,7 @@ class _Law(NamedTuple):
 
     def log_density(self, rate: Array) -> Array:
         """Return the log density [1/Hz] of mean rates, and the log probability of silence and of counts."""
-        observed = self.data.observed
+        observed = self.data.rate
         means = -0.5 * ((observed - rate) / self.sd) ** 2 - np.log(self.sd) - 0.5 * LOG_TWO_PI
         silent = observed == 0.0
         means[..., silent] = log_ndtr(-rate[..., silent] / self.sd[..., silent])
@@ -304,14 +233,15 @@ class _Law(NamedTuple):
         def of_counts(count: Array, mean: Array, fano: Array) -> Array:
             return less_probability(count, mean, fano) + 0.5 * np.exp(log_probability(count, mean, fano))
 
-        observed = self.data.observed
+        observed = self.data.rate
         means = np.where(observed > 0.0, 1.0, 0.5) * ndtr((observed - rate) / self.sd)
         return self._or_counts(means, rate, of_counts)
 
     def draw(self, rng: np.random.Generator, rate: Array) -> Array:
-        """Return observations: rates [Hz], and counts."""
+        """Return observed rates [Hz]; those of counts are counts over their window."""
         means = np.maximum(rate + self.sd * rng.standard_normal(rate.shape), 0.0)
-        return self._or_counts(means, rate, lambda count, mean, fano: draw_counts(rng, mean, fano))
+        drawn = self._or_counts(means, rate, lambda count, mean, fano: draw_counts(rng, mean, fano))
+        return drawn / np.where(self.data.counted, self.data.window, 1.0)
 
     def _or_counts(self, means: Array, rate: Array, of_counts: Callable[[Array, Array, Array], Array]) -> Array:
         """Return values of mean rates, and those of counts by a function of count, mean and dispersion."""
@@ -336,12 +266,11 @@ def log_probability(count: Array, mean: Array, fano: Array) -> Array:
     poisson = count * np.log(mean) - mean - gammaln(count + 1)
     shape = 1.0 / np.minimum(fano, 1.0)
     first, last, x = shape * np.maximum(count, 1e-300), shape * (count + 1), shape * mean
-    upper = gammaincc(last, x) - np.where(count > 0, gammaincc(first, x), 0.0)
-    lower = np.where(count > 0, gammainc(first, x), 1.0) - gammainc(last, x)
     with np.errstate(divide="ignore"):
+        upper, lower = gammaincc(last, x) - gammaincc(first, x), gammainc(first, x) - gammainc(last, x)
         regular = np.log(np.maximum(np.where(x > last, upper, lower), 0.0))
     under = np.logaddexp(np.log1p(-STRAY) + regular, math.log(STRAY) + poisson)
-    return np.where(fano > 1.0 + 1e-6, over, np.where(fano < 1.0, under, poisson))
+    return np.where(fano > 1.0 + 1e-6, over, under)
 
 
 def less_probability(count: Array, mean: Array, fano: Array) -> Array:
@@ -353,15 +282,10 @@ def less_probability(count: Array, mean: Array, fano: Array) -> Array:
 
 
 def draw_counts(rng: np.random.Generator, mean: Array, fano: Array) -> Array:
-    """Draw counts of the law of `log_probability`, without its stray share."""
-    fano = np.broadcast_to(fano, mean.shape)
-    excess = np.maximum(fano - 1.0, 1e-6)
-    over = rng.poisson(rng.gamma(mean / excess, excess)).astype(float)
-    under = np.flatnonzero(fano < 1.0)
-    found = over.ravel()
-    for k in np.array_split(under, max(1, under.size // 10_000)):
-        shape, middle = 1.0 / fano.ravel()[k], mean.ravel()[k]
-        most = int(middle.max(initial=0.0) + 10.0 * math.sqrt(middle.max(initial=0.0) + 1.0) + 10.0)
-        intervals = rng.gamma(shape[:, None], 1.0 / shape[:, None], (k.size, most))
-        found[k] = (intervals.cumsum(axis=1) <= middle[:, None]).sum(axis=1)
-    return found.reshape(mean.shape)
+    """Draw counts of the law of `log_probability`, without its stray share: the largest with P(fewer) <= u, by bits."""
+    found, u = np.zeros(mean.shape), rng.random(mean.shape)
+    largest = np.max(mean + 10.0 * np.sqrt(np.maximum(fano, 1.0) * (mean + 1.0)) + 100.0 * fano, initial=1.0)
+    for bit in range(int(np.log2(largest)), -1, -1):
+        more = found + 2.0**bit
+        found = np.where(less_probability(more, mean, fano) <= u, more, found)
+    return found

@@ -5,30 +5,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, logit
 
-from softness_bayes.touch.contact import Contact, Finger, Fingertips, Load, Loads
+from softness_bayes.base.errors import InputError
+from softness_bayes.touch.contact import Contact, Finger, Fingertips, Load, Loads, fingertips, solve_contact
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT, RateCurve
-from softness_bayes.touch.probes import Probe, rigid_contact
+from softness_bayes.touch.probes import RIGID, Probe
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.stress import stress
 
-if TYPE_CHECKING:
-    from scipy.interpolate import PPoly
-
 Array = NDArray[np.float64]
 
-KNOTS = 400
-"""Moduli at which the stress of each row is tabulated; splines between them err by less than 1e-6 of the peak."""
-
-TABULATED = (1e1, 1e9)
-"""Range of E_star [Pa] of the tables, at whose ends the stress is held; priors of the skin are far inside."""
+KNOTS = np.linspace(np.log(1e1), np.log(1e9), 400)
+"""ln E_star [Pa] at which the stress of each row is tabulated. Cubics between them err by less than 1e-6 of the peak;
+beyond them, far from all priors of the skin, the stress is held."""
 
 RATE_TERMS = 16
 """Terms of the rate curve, which then errs by less than 0.02 Hz."""
@@ -86,8 +82,11 @@ class ProbedTouches:
     readings: Readings = Readings()
 
     def __post_init__(self) -> None:
-        for kappa in np.unique(self.curvature):
-            Probe(float(kappa)).under(self.finger)
+        if (narrow := self.curvature[self.curvature <= -1.0 / self.finger.radius]).size:
+            raise InputError(
+                f"probe: curvature {narrow[0]:g} /m, expected more than {-1.0 / self.finger.radius:g} /m: a narrower "
+                "hollow does not touch the fingertip at one place"
+            )
 
     def take(self, rows: NDArray[np.intp]) -> ProbedTouches:
         """Return the touches of some rows."""
@@ -101,24 +100,20 @@ class ProbedTouches:
         return whole.shortened(RATE_TERMS)
 
     @cached_property
-    def _presses(self) -> tuple[Loads, Array, NDArray[np.intp]]:
-        """Loads and curvatures of distinct contacts, and the contact of each row."""
+    def _presses(self) -> tuple[Loads, Probe, NDArray[np.intp]]:
+        """Loads and probes of distinct contacts, and the contact of each row."""
         pairs = [*zip(self.loads, self.curvature.tolist(), strict=True)]
         distinct = list(dict.fromkeys(pairs))
         loads, curvature = zip(*distinct, strict=True)
-        return Loads(loads), np.array(curvature), np.array([distinct.index(pair) for pair in pairs])
+        return Loads(loads), Probe(curvature), np.array([distinct.index(pair) for pair in pairs])
 
     def contacts(self, at: Afferent) -> tuple[Contact, Fingertips]:
         """Return the contact of each row, fields of shape (..., rows), and fingers with their relative radii R*."""
-        loads, curvature, of_row = self._presses
-        radius, depth, b, m = (np.asarray(value, float)[..., None] for value in (at.radius, at.depth, at.b, at.m))
-        radius = 1.0 / (1.0 / np.where(radius > 0, radius, self.finger.radius) + curvature)
-        depth = np.where(depth > 0, depth, self.finger.receptor_depth)
-        tips = Fingertips(radius, depth, self.finger.poisson_ratio)
-        found = rigid_contact(loads, b, m, tips, self.readings.skin_displacement)
-        shape = found.skin_modulus.shape
-        contact = Contact(*(np.broadcast_to(value, shape)[..., of_row] for value in found))
-        return contact, tips._replace(radius=tips.radius[..., of_row])
+        loads, probes, of_row = self._presses
+        tips = probes.under(fingertips(self.finger, at.radius, at.depth))
+        b, m = (np.asarray(value, float)[..., None] for value in (at.b, at.m))
+        found = solve_contact(RIGID, 0.0, loads, b, m, tips, self.readings.skin_displacement)
+        return Contact(*(value[..., of_row] for value in found)), tips._replace(radius=tips.radius[..., of_row])
 
     def stress(self, at: Afferent) -> Array:
         """Return the stress at the receptive field [Pa], shape (..., rows).
@@ -127,10 +122,7 @@ class ProbedTouches:
         """
         found, tips = self.contacts(at)
         if not any(np.any(value) for value in (at.spread, at.radius, at.depth)):
-            low, high = np.log(TABULATED)
-            place = np.clip(np.log(found.reduced_modulus), low, high - 1e-9)
-            # the splines of all rows follow each other along one axis
-            return np.asarray(self._table(place + (high - low) * np.arange(self.distance.size)))
+            return self._read(np.log(found.reduced_modulus))
         spread = np.asarray(at.spread, float)[..., None]
         node, weight = np.polynomial.hermite_e.hermegauss(BLUR_NODES if np.any(spread) else 1)
         weight = weight / weight.sum()
@@ -147,19 +139,19 @@ class ProbedTouches:
         return stress(rho, contact.reduced_modulus, contact.radius, tips, *readings)
 
     @cached_property
-    def _table(self) -> PPoly:
-        from scipy.interpolate import CubicSpline, PPoly  # imported here because it takes a fifth of a second
+    def _table(self) -> Array:
+        """Stress [Pa] at the moduli of `KNOTS`, shape (knots, rows)."""
+        modulus, tips = np.exp(KNOTS)[:, None], Probe(self.curvature).under(self.finger)
+        return self._integrated(self.distance, Loads(self.loads).contact(modulus, modulus, tips), tips)
 
-        low, high = np.log(TABULATED)
-        grid = np.linspace(low, high, KNOTS)
-        modulus, rows = np.exp(grid)[:, None], self.distance.size
-        radius = 1.0 / (1.0 / self.finger.radius + self.curvature)
-        tips = Fingertips(radius, np.array(self.finger.receptor_depth), self.finger.poisson_ratio)
-        found = Loads(self.loads).contact(modulus, modulus, tips)
-        spline = CubicSpline(grid, self._integrated(self.distance, found, tips))
-        joined = np.moveaxis(spline.c, 2, 1).reshape(4, -1)
-        ends = grid[:-1] + (high - low) * np.arange(rows)[:, None]
-        return PPoly(joined, np.append(ends.ravel(), low + (high - low) * rows), extrapolate=True)
+    def _read(self, log_modulus: Array) -> Array:
+        """Return the stress by Lagrange's cubics through the four nearest knots, shape (..., rows)."""
+        place = np.clip((log_modulus - KNOTS[0]) / (KNOTS[1] - KNOTS[0]), 1.0, KNOTS.size - 2.001)
+        first = place.astype(np.intp)
+        x, rows = place - first, np.arange(self.distance.size)
+        before, low, high, after = (self._table[first + k, rows] for k in (-1, 0, 1, 2))
+        outer = x * (x - 1.0) * ((x + 1.0) * after - (x - 2.0) * before) / 6.0
+        return outer + 0.5 * (x + 1.0) * (x - 2.0) * ((x - 1.0) * low - x * high)
 
     def curve(self, alpha: ArrayLike) -> RateCurve:
         """Return the rate curve up to currents alpha."""

@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import kstest, norm
 
 from softness_bayes.base.errors import InputError
+from softness_bayes.checking.sentences import recorded_faults, recorded_sentences
 from softness_bayes.data import Afferents, Compression, Experiment, Fabrics, Measurements
 from softness_bayes.likelihood.contract import NO_RESPONSE
 from softness_bayes.likelihood.error_laws import NORMAL
@@ -119,14 +120,14 @@ def test_a_run_has_rates_findings_and_a_figure(result, tmp_path):
     assert not result.has_ratings
     assert result.has_afferents
     assert "recorded" in figures_of(result)
-    found = result.recorded_findings
-    assert found.residual_sd < 6.0
-    assert found.additive_sd < 6.0
-    assert found.faults == ()
+    found = result.provenance.recorded
+    assert found.rate_residual_sd < 6.0
+    assert found.rate_additive_sd < 6.0
+    assert recorded_faults(found) == ()
     assert found.fires_at_rest == 0.0
-    assert any("residual sd" in line for line in found.sentences)
+    assert any("residual sd" in line for line in recorded_sentences(found))
     # the paper's constants lie far from those that fire like recorded afferents
-    assert found.shifts["beta"] < -5
+    assert found.rate_shifts["beta"] < -5
     table = result.tables["recorded_rates"]
     assert (len(table), table["expected_hz"].corr(table["rate_hz"]) > 0.95) == (21, True)
     inside = (table["low_hz"] <= table["rate_hz"]) & (table["rate_hz"] <= table["high_hz"])
@@ -135,7 +136,7 @@ def test_a_run_has_rates_findings_and_a_figure(result, tmp_path):
     assert sum(str(artist.get_gid()).startswith("data/") for axes in drawn.axes for artist in axes.lines) == 10
     result.save(tmp_path / "run")
     again = Result.load(tmp_path / "run")
-    assert again.recorded_findings == found
+    assert again.provenance.recorded == found
     with pytest.raises(InputError, match="without ratings"):
         again.curves()
 
@@ -145,7 +146,7 @@ def test_plates_and_recordings_say_whether_they_agree_about_the_skin():
     for b, contradicts in ((8.0, False), (40.0, True)):
         data = Measurements(plates(1, b), Afferents.read(simulated(1)))
         (found,) = agreements(build_skin(data, ModelOptions(prior_set="wide")).posterior)
-        assert (found.first, found.degrees, found.contradicts) == ("plates", 2, contradicts), found.said
+        assert (found.first, found.degrees, found.contradicts) == ("plates", 2, contradicts)
 
 
 def test_a_run_shares_a_skin_with_plates():
@@ -153,7 +154,7 @@ def test_a_run_shares_a_skin_with_plates():
     run = sample(data, max_steps=40, processes=1, shared=("b", "m"))
     assert "b_rec" not in run.summary().index
     assert {"recorded", "compression"} <= {*figures_of(run)}
-    assert [one.second for one in run.recorded_findings.agreements] == ["recorded afferents"]
+    assert [one.second for one in run.provenance.recorded.agreements] == ["recorded afferents"]
 
 
 def test_parameters_are_recovered(result):
@@ -263,7 +264,7 @@ def test_sources_of_one_truth_agree_and_those_of_two_do_not():
         density = build_skin(Afferents.read(pd.concat(tables)), ModelOptions()).posterior
         (found,) = agreements(density)
         assert (found.first, found.second, found.degrees) == ("recording one", "recording two", 5)
-        assert found.contradicts == contradicts, found.said
+        assert found.contradicts == contradicts
 
 
 def test_ratings_are_a_source_of_their_own(rng):

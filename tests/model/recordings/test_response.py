@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
+from scipy.special import lambertw
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.model.recordings.response import Afferent, ProbedTouches
-from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, Finger, Force, Indentation, solve_contact
-from softness_bayes.touch.probes import Probe, rigid_contact
+from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, Finger, Force, Indentation, Loads, solve_contact
+from softness_bayes.touch.probes import RIGID, WRAPPED, Probe
 from softness_bayes.touch.readings import CLASSICAL, MENDED
 from softness_bayes.touch.stress import stress
 
@@ -24,7 +25,7 @@ def touches_of(table, readings=MENDED):
 )
 def test_the_rigid_limit_at_two_curvatures(curvature, modulus, radius, felt):
     finger = Probe(curvature).under(Finger())
-    contact = rigid_contact(Force(0.1961), 7.5e3, 3.9, finger)
+    contact = solve_contact(RIGID, 0.0, Force(0.1961), 7.5e3, 3.9, finger)
     assert contact.skin_modulus / 1e3 == pytest.approx(modulus, rel=5e-4)
     assert contact.radius * 1e3 == pytest.approx(radius, rel=6e-3 if curvature else 2e-5)
     assert stress(0.0, contact.reduced_modulus, contact.radius, finger) / 1e3 == pytest.approx(felt, rel=5e-4)
@@ -33,12 +34,26 @@ def test_the_rigid_limit_at_two_curvatures(curvature, modulus, radius, felt):
 @pytest.mark.parametrize("displacement", [STRAIN, DISPLACEMENT])
 @pytest.mark.parametrize("load", [Force(0.2), Indentation(1e-3)])
 @pytest.mark.parametrize("curvature", [0.0, 300.0, -60.0])
-def test_a_probe_is_the_limit_of_stiff_fabrics(displacement, load, curvature):
+def test_a_probe_is_the_rigid_limit_in_closed_form(displacement, load, curvature):
+    """With 1/E_fab = 0, u = C E^-p and E = b exp(m u) has the solution E = b exp(W(p m C b^-p) / p), Lambert's W."""
     finger, b = Probe(curvature).under(Finger()), np.array([2e3, 3e4, 2e5])
     m = np.array([0.0, 3.0, 5.0]) * (1.0 if displacement is STRAIN else 200.0)
-    limit = solve_contact(1e16, 0.3, load, b, m, finger, displacement)
-    for found, expected in zip(rigid_contact(load, b, m, finger, displacement), limit, strict=True):
-        assert_allclose(np.broadcast_to(found, 3), expected, rtol=1e-7)
+    log_scale, p = Loads(load).compression(finger, displacement)
+    x = m * np.exp(log_scale - p * np.log(b))
+    skin = b * np.exp(lambertw(p * x).real / p if p > 0 else x)
+    found = solve_contact(RIGID, 0.0, load, b, m, finger, displacement)
+    assert_allclose(found.skin_modulus, skin, rtol=1e-9)
+    assert_allclose(found.reduced_modulus, skin / (1.0 - finger.poisson_ratio**2), rtol=1e-9)
+    soft = solve_contact(1e16, 0.3, load, b, m, finger, displacement)
+    assert_allclose(soft.skin_modulus, skin, rtol=1e-7)
+
+
+def test_a_hollow_may_be_narrower_than_a_finger_whose_radius_is_sampled():
+    """Beyond the closest fit the finger lies against all of it, and the rate stays finite."""
+    touches = ProbedTouches([Force(0.2)], np.array([-110.0]), np.zeros(1))
+    skin = Afferent(8e3, 4.0, 40.0, 2e-5, rest=0.9, radius=np.array([8e-3, 9.0e-3, 9.2e-3, 20e-3]))
+    assert np.isfinite(touches.rate(skin)).all()
+    assert_allclose(touches.contacts(skin)[1].radius[2:], 1.0 / WRAPPED)
 
 
 def test_a_hollow_narrower_than_the_finger_is_refused():
