@@ -281,7 +281,7 @@ def recorded(result: stored.Drawable, style: Style) -> Figure:
     for axes, k in zip(grid.panels, varying, strict=True):
         axes.set_xlabel(f"{columns[k].label} [{columns[k].unit}]")
         others = np.column_stack([np.delete(place, k, axis=1), who])
-        units = [column.unit for column in np.delete(columns, k)]
+        units = [column.unit for column in columns if column is not columns[k]]
         for fixed in np.unique(others, axis=0):
             rows = np.flatnonzero((others == fixed).all(axis=1))
             rows = rows[np.argsort(place[rows, k], kind="stable")]

@@ -217,8 +217,8 @@ def _afferents_of(result: Stored) -> Afferents:
     constant, observed = result.group("constant_data"), result.group("observed_data")["recorded_rate_hz"]
     posterior, every = result.group("posterior"), {**constant, "recorded_rate_hz": observed}
 
-    def stored(column: Column) -> NDArray[Any]:
-        return np.asarray(every[f"recorded_{column.name}"].values * column.factor)
+    def stored(column: Column) -> Any:
+        return every[f"recorded_{column.name}"].values * column.factor
 
     return Afferents(
         tuple(str(name) for name in posterior["afferent"].values) if "afferent" in posterior.dims else (),

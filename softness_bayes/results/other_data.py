@@ -135,12 +135,15 @@ def _findings(density: Density, term: RecordedRates, data: Afferents, own: Param
     rest, sigma_0 = term.touches.at_rest(at)
     draws = at._replace(sigma_0=sigma_0)._asdict()
     natural = {name: draws[name] / EVERY_PARAMETER[name].si for name in SHAREABLE}
+    low, middle, high = map(float, np.quantile(rest, [0.05, 0.5, 0.95]))
     return RecordedData(
         data.digest,
         float(np.sqrt(np.mean((data.rate - expected.mean(axis=0)) ** 2))),
         log_additive_sd(data),
         shifts(natural, term.touches.readings.skin_displacement),
-        *np.quantile(rest, [0.05, 0.5, 0.95]).tolist(),
+        low,
+        middle,
+        high,
         float((rest > 1.0).mean()),
         agreements(density),
     )

@@ -13,7 +13,7 @@ from softness_bayes.base.errors import InputError
 from softness_bayes.checking import checks, exactness, provenance
 from softness_bayes.checking.inflection import LEAST_DROP
 from softness_bayes.checking.sentences import exactness_sentence
-from softness_bayes.likelihood.aggregated import SPREADS
+from softness_bayes.likelihood.aggregated import SPREADS, RaterSpreads
 from softness_bayes.likelihood.contract import RATER_EFFECTS
 from softness_bayes.likelihood.error_laws import LAPSES, STUDENT
 from softness_bayes.likelihood.models import OF_DIFFERENT_RATERS
@@ -205,7 +205,7 @@ def _findings(draws: RatedDraws) -> list[provenance.Finding]:
     if order is not None and model.scale not in (RANKS, PAIRS):
         found.append(checks.check_drift(residuals, order))
     term = draws.posterior.term(SPREADS)
-    if term is not None:
+    if isinstance(term, RaterSpreads):
         parameters = draws.posterior.parameters_of(term, few.theta)
         found.append(checks.check_spreads(term, few.mean_rate, parameters, np.random.default_rng(0)))
     return found

@@ -31,5 +31,6 @@ class Probe:
 
     def under(self, finger: Fingertip) -> Fingertips:
         """Return the fingers whose contact with a flat is that of these fingers with the probe."""
-        radius = 1.0 / np.maximum(1.0 / np.asarray(finger.radius, float) + self.curvature, WRAPPED)
+        curvature = 1.0 / np.asarray(finger.radius, float) + np.asarray(self.curvature, float)
+        radius = 1.0 / np.maximum(curvature, WRAPPED)
         return Fingertips(radius, np.asarray(finger.receptor_depth), finger.poisson_ratio)
