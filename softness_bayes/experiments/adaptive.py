@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from softness_bayes.base.errors import InputError
@@ -21,11 +20,9 @@ from softness_bayes.base.files.whole import write_whole
 from softness_bayes.experiments.design import quantities_of
 from softness_bayes.experiments.information import rank_bins, single_gains
 from softness_bayes.experiments.outlook import Candidates, FurtherRatings, Outlook, load_named, outlook_of_run
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, FloatArray, IndexArray
 from softness_bayes.likelihood.row_laws import RowLaw, Rows
 from softness_bayes.touch.contact import Load
-
-Array = NDArray[np.float64]
 
 WORN = 0.1
 """Share of effective draws below which the draws are worn, and a new run of all ratings is due."""
@@ -77,10 +74,10 @@ class Adaptive:
     outlook: Outlook
     expected: FurtherRatings
     """Ratings of the candidates before any answer."""
-    bins: list[NDArray[np.intp]]
+    bins: list[IndexArray]
     session: Session
-    log_weight: Array
-    _laws: dict[tuple[int, str], tuple[Array, Array]] = field(default_factory=dict)
+    log_weight: FloatArray
+    _laws: dict[tuple[int, str], tuple[FloatArray, FloatArray]] = field(default_factory=dict)
     """Mean and variance at the draws of effects that an answer has changed, by their kind and whose they are."""
 
     @classmethod
@@ -100,7 +97,7 @@ class Adaptive:
         return cls(outlook, expected, bins, Session(*run, tuple(about), every), np.zeros(len(outlook.theta)))
 
     @property
-    def weight(self) -> Array:
+    def weight(self) -> FloatArray:
         """Weights of the draws, shape (draws,)."""
         return np.exp(self.log_weight - logsumexp(self.log_weight))
 

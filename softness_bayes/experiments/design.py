@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.files.outputs import write_outputs
@@ -31,6 +30,7 @@ from softness_bayes.experiments.information import (
     told_of_mean,
 )
 from softness_bayes.experiments.outlook import DRAWS, Candidates, FurtherRatings, Outlook, load_named, outlook_of_run
+from softness_bayes.likelihood.design import FloatArray, IndexArray
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.plotting.studies import gain_figure
@@ -39,8 +39,6 @@ from softness_bayes.plotting.style import USUAL, Style, files_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
 
 CONDITIONS = Count(1, 50)
 """Largest numbers of touches that a plan may have."""
@@ -68,7 +66,7 @@ class Costs(NamedTuple):
     rating: float = 1.0
     """Cost of one rating."""
 
-    def of_next(self, touches: pd.DataFrame, chosen: Sequence[int], raters: int) -> Array:
+    def of_next(self, touches: pd.DataFrame, chosen: Sequence[int], raters: int) -> FloatArray:
         """Return the cost of each touch after those that are chosen, shape (touches,), if all raters rate it once."""
         had = touches.loc[list(chosen)]
         bought = touches["to_obtain"] & ~touches["fabric"].isin(had["fabric"])
@@ -207,7 +205,7 @@ def _outlooks(source: Any, options: ModelOptions, rng: np.random.Generator) -> l
     return found
 
 
-def quantities_of(outlooks: Sequence[Outlook], about: Sequence[str]) -> dict[str, Array]:
+def quantities_of(outlooks: Sequence[Outlook], about: Sequence[str]) -> dict[str, FloatArray]:
     """Return sampled parameters (their logs if all are positive) and the turning points that are asked for.
 
     Of several outlooks, the common ones, one outlook after another, and which outlook it is.
@@ -236,8 +234,8 @@ def quantities_of(outlooks: Sequence[Outlook], about: Sequence[str]) -> dict[str
 
 
 def choose(
-    further: FurtherRatings, wanted: Sequence[Array], conditions: int, raters: int, costs: Costs
-) -> tuple[IndexArray, Array]:
+    further: FurtherRatings, wanted: Sequence[FloatArray], conditions: int, raters: int, costs: Costs
+) -> tuple[IndexArray, FloatArray]:
     """Return the chosen touches in their order, and what each adds to those before [nats] and costs, (touches, 2).
 
     Parameters

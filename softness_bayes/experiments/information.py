@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp, ndtri, xlogy
 from scipy.stats import multivariate_normal, rankdata
 
-Array = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
+from softness_bayes.likelihood.design import FloatArray, IndexArray
 
 BINS = {1: 20, 2: 5, 3: 3}
 """Number of rank bins of each quantity, by the number of quantities; two if there are more."""
@@ -31,12 +30,12 @@ _ROOT_TWO_PI = float(np.sqrt(2.0 * np.pi))
 _CELLS = 320  # largest number of cells of a grid, which otherwise are at most one smallest error wide
 
 
-def rank_shares(quantity: Array) -> Array:
+def rank_shares(quantity: FloatArray) -> FloatArray:
     """Return the share of draws below each draw of a quantity, half of itself counting; NaN where it is NaN."""
     return (rankdata(quantity, nan_policy="omit") - 0.5) / max(np.isfinite(quantity).sum(), 1)
 
 
-def rank_bins(*quantities: Array) -> IndexArray:
+def rank_bins(*quantities: FloatArray) -> IndexArray:
     """Return the bin of each draw by the rank of a quantity, or of several, each with fewer bins; shape (draws,).
 
     Draws without it (NaN) are in a bin of their own. Equal values share a bin, so that two labels, such as those of two
@@ -47,12 +46,12 @@ def rank_bins(*quantities: Array) -> IndexArray:
     return np.unique(bins, axis=1, return_inverse=True)[1].astype(np.intp).ravel()
 
 
-def rank_scores(quantity: Array) -> Array:
+def rank_scores(quantity: FloatArray) -> FloatArray:
     """Return the normal scores of the ranks of a quantity, shape (draws,); 0 for draws without it (NaN)."""
     return np.nan_to_num(ndtri(rank_shares(quantity)))
 
 
-def told_of_mean(centred: Array, wanted: Sequence[Array]) -> Array:
+def told_of_mean(centred: FloatArray, wanted: Sequence[FloatArray]) -> FloatArray:
     """Return centred means (draws, touches) as a linear law predicts them from the wanted quantities.
 
     It takes the scores of the quantities and whether draws have them; without quantities, all is known.
@@ -64,7 +63,9 @@ def told_of_mean(centred: Array, wanted: Sequence[Array]) -> Array:
     return np.asarray(scores @ np.linalg.lstsq(scores, centred, rcond=1e-6)[0])
 
 
-def single_gains(mean: Array, sd: Array, quantities: Sequence[IndexArray] = (), weight: Array | None = None) -> Array:
+def single_gains(
+    mean: FloatArray, sd: FloatArray, quantities: Sequence[IndexArray] = (), weight: FloatArray | None = None
+) -> FloatArray:
     """Return the information that one observation of each touch gives, shape (touches,).
 
     The sum over a grid with steps of one standard deviation errs by less than 1e-6. Where the range of the means has
@@ -104,7 +105,7 @@ def single_gains(mean: Array, sd: Array, quantities: Sequence[IndexArray] = (), 
     return found
 
 
-def linear_gain(whole: Array, rest: Array) -> float:
+def linear_gain(whole: FloatArray, rest: FloatArray) -> float:
     """Return the information of several observations by a normal law.
 
     Parameters
@@ -132,9 +133,9 @@ class Bracket(NamedTuple):
 
 def nested_gain(
     rng: np.random.Generator,
-    mean: Array,
-    errors: Array,
-    quantities: Mapping[str, Array],
+    mean: FloatArray,
+    errors: FloatArray,
+    quantities: Mapping[str, FloatArray],
     about: Sequence[str] = (),
     outcomes: int = 256,
 ) -> Bracket:
@@ -196,12 +197,12 @@ def nested_gain(
     return Bracket(float((low - control).mean()), float((high - control).mean()), se, effective, sd_ratio)
 
 
-def _log_mean(log_density: Array, chosen: NDArray[np.bool_]) -> Array:
+def _log_mean(log_density: FloatArray, chosen: NDArray[np.bool_]) -> FloatArray:
     """Return the log of the mean density over the chosen draws, for each outcome."""
     return np.asarray(logsumexp(np.where(chosen, log_density, -np.inf), axis=1) - np.log(chosen.sum(axis=1)))
 
 
-def _sd_ratio(weight: Array, quantity: Array) -> float:
+def _sd_ratio(weight: FloatArray, quantity: FloatArray) -> float:
     """Return the root mean square of the posterior sd over outcomes, relative to that of the draws."""
     there = np.isfinite(quantity)
     value, share = quantity[there], weight[:, there]

@@ -30,15 +30,13 @@ from softness_bayes.data import Fabrics
 from softness_bayes.data.columns import PROPERTIES
 from softness_bayes.data.ratings import FREE_TOUCH, loads_by_column
 from softness_bayes.experiments.design_information import heavier, rounding
+from softness_bayes.likelihood.design import FloatArray, IndexArray
 from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER
 from softness_bayes.model.build import ExperimentModel
 from softness_bayes.model.scenes import fabric_moduli, scene_of
 from softness_bayes.parameters.space import FabricModuli
 from softness_bayes.results.fitted import Fitted, same_fabrics
 from softness_bayes.touch.contact import HERTZ_LIMIT, Force, Indentation, Load, held
-
-Array = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
 
 DRAWS = 4000
 """Number of draws."""
@@ -62,43 +60,43 @@ class FurtherRatings:
 
     table: pd.DataFrame
     """A row for each touch: fabric, to_obtain, e_fab_kpa (as measured or wanted), indentation_mm, force_n, p_silent
-    (share of draws for which no receptor fires), load, modulus_sd (standard deviation of the error of the log modulus)
-    and within (true if the contact radius of most draws is at most half the fingertip's radius)."""
+    (share of draws for which no receptor fires), load and within (true if the contact radius of most draws is at most
+    half the fingertip's radius)."""
     of: NDArray[np.object_]
     """Owner of each effect of each touch, shape (3, touches): the level is a rater's, the others are the fabric's."""
-    response: Array
+    response: FloatArray
     """Response on the additive scale, shape (draws, touches)."""
-    noise: Array
+    noise: FloatArray
     """Standard deviation of the errors that ratings do not share, the same shape."""
-    loading: Array
+    loading: FloatArray
     """Change of a rating by one unit of an effect, shape (3, draws, touches)."""
-    centre: Array
+    centre: FloatArray
     """Mean of the effects, the same shape."""
-    variance: Array
+    variance: FloatArray
     """Their variance, the same shape."""
 
     @cached_property
-    def mean(self) -> Array:
+    def mean(self) -> FloatArray:
         """Expected rating of each touch at each draw, shape (draws, touches)."""
         return np.asarray(self.response + (self.loading * self.centre).sum(axis=0))
 
     @cached_property
-    def shared(self) -> Array:
+    def shared(self) -> FloatArray:
         """Standard deviation that the effects give the ratings, the same shape."""
         return np.sqrt((self.loading**2 * self.variance).sum(axis=0))
 
     @property
-    def sd(self) -> Array:
+    def sd(self) -> FloatArray:
         """Standard deviation of the ratings, the same shape."""
         return np.hypot(self.noise, self.shared)
 
-    def covariance(self, index: IndexArray) -> Array:
+    def covariance(self, index: IndexArray) -> FloatArray:
         """Return the covariance of ratings of some touches at each draw, shape (draws, k, k)."""
         sd, of = (self.loading * np.sqrt(self.variance))[..., index], self.of[:, index]
         effects = np.einsum("esi,esj,eij->sij", sd, sd, of[:, :, None] == of[:, None])
         return effects + self.noise[:, index, None] ** 2 * np.eye(index.size)
 
-    def mean_shared(self) -> Array:
+    def mean_shared(self) -> FloatArray:
         """Return the mean over the draws of the covariance by effects, shape (touches, touches)."""
         sd, same = self.loading * np.sqrt(self.variance), self.of[:, :, None] == self.of[:, None]
         return np.asarray((same * (np.swapaxes(sd, 1, 2) @ sd)).sum(axis=0) / len(self.response))
@@ -215,7 +213,7 @@ class Outlook:
         If the ratings are not normal about a level and a response.
     """
 
-    def __init__(self, model: ExperimentModel, theta: Array, rated: bool) -> None:
+    def __init__(self, model: ExperimentModel, theta: FloatArray, rated: bool) -> None:
         options, posterior = model.options, model.posterior
         if options.scale not in (MAGNITUDE, SLIDER):
             raise InputError(
@@ -238,13 +236,13 @@ class Outlook:
         self.noise = np.sqrt(self._squared("varsigma") * heavy + rounded)
         """Standard deviation of normal errors of ratings that tell as much about a level, shape (draws, 1)."""
 
-    def _squared(self, name: str) -> Array:
+    def _squared(self, name: str) -> FloatArray:
         """Return the variance of a parameter that is a spread, shape (draws, 1); 0 if the model lacks it."""
         spread = np.asarray(vars(self.parameters).get(name, 0.0), float)
         return np.broadcast_to(spread**2, len(self.theta))[:, None]
 
     @cached_property
-    def levels(self) -> tuple[Array, Array, Array, Array]:
+    def levels(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Laws of levels given each draw: mean and variance of each rater's, (draws, raters), and of their mean's."""
         observed, prior = self.posterior.observation, self.posterior.observation.model.level
         design, noise2, tau2 = observed.design, self.noise**2, self._squared("tau")
@@ -259,7 +257,7 @@ class Outlook:
         of_each = mean + tau2 * weight * (total - count * mean)
         return of_each, tau2 * noise2 * weight + (noise2 * weight) ** 2 * variance, mean, variance
 
-    def level(self, rater: str | int | None) -> tuple[Array, Array, int]:
+    def level(self, rater: str | int | None) -> tuple[FloatArray, FloatArray, int]:
         """Return mean and variance of a level at each draw, each (draws, 1), and the number of raters.
 
         Parameters
@@ -304,7 +302,6 @@ class Outlook:
                 **{one.name: values / one.factor for one, values in loads_by_column(pressed).items()},
                 "p_silent": (rates[0] == 0).mean(axis=0),
                 "load": pressed,
-                "modulus_sd": modulus_sd[scene.fabric],
                 "within": radius <= HERTZ_LIMIT * scene.finger.radius,
             }
         )
@@ -321,7 +318,7 @@ class Outlook:
         noise = np.broadcast_to(self.noise / np.sqrt(number), response.shape)
         return FurtherRatings(table, np.array(of, object), response, noise, *laws_of)
 
-    def _moduli_and_errors(self, laws: FabricModuli, rated: IndexArray) -> tuple[Array, Array]:
+    def _moduli_and_errors(self, laws: FabricModuli, rated: IndexArray) -> tuple[FloatArray, FloatArray]:
         """Return E_fab [Pa] of fabrics at the draws, and standard deviations of errors that the draws do not have.
 
         Errors of rated fabrics that the model samples are parameters; those of other fabrics are errors of ratings.
@@ -338,7 +335,7 @@ class Outlook:
         ends = [np.ones(2) if law is None else law.quantile(ndtr([-1.0, 1.0])) for law in laws.laws]
         return modulus, np.where(sampled, 0.0, 0.5 * np.diff(np.log(ends), axis=1)[:, 0])
 
-    def quantities(self, turning: Mapping[str, Load]) -> dict[str, Array]:
+    def quantities(self, turning: Mapping[str, Load]) -> dict[str, FloatArray]:
         """Return sampled parameters at the draws (their logs if all are positive), and turning points by name.
 
         Turning points are the logs of E_fab [Pa] under some loads, NaN where a draw has none.
@@ -370,6 +367,8 @@ def require_run(result: Any) -> None:
     from softness_bayes.results.result import Result
 
     require_kind("design", result, Result, "a Result, several of them, or an Experiment")
+    if not result.has_ratings:
+        raise InputError(f"{result.source}: a run without ratings cannot tell what ratings would add")
     if not result.provenance.ending.converged:
         raise InputError(
             f"{result.source}: the run has not converged, and its draws would mislead the choice; continue it with "

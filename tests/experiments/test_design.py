@@ -92,14 +92,14 @@ def test_errors_of_moduli_are_those_of_the_request(result):
     own = outlook.model.data.fabrics
     for cv, expected in ((None, USUAL_CV), (0.3, 0.3), (0.0, 0.0)):
         every = Candidates(loads=("2mm",), modulus_cv=cv).resolved(outlook)
-        errors = outlook.ratings(every, None).table["modulus_sd"]
-        assert_allclose(errors, np.sqrt(np.log1p(expected**2)), atol=1e-12)
+        errors = outlook.ratings(every, None).variance[1]
+        assert_allclose(errors, np.log1p(expected**2), atol=1e-12)
     # a table's own errors stand, and a fabric of the same name with another modulus is not the rated one
     other = Fabrics(own.names[:2], effective_modulus=own.effective_modulus[:2] * [1.0, 2.0],
                     effective_modulus_cv=np.array([np.nan, 0.5]))  # fmt: skip
-    table = outlook.ratings(Candidates(other, loads=("2mm",), modulus_cv=0.1), None).table
-    assert table["to_obtain"].tolist() == [False, True]
-    assert_allclose(table["modulus_sd"], np.sqrt(np.log1p(np.array([0.1, 0.5]) ** 2)), rtol=1e-6)
+    found = outlook.ratings(Candidates(other, loads=("2mm",), modulus_cv=0.1), None)
+    assert found.table["to_obtain"].tolist() == [False, True]
+    assert_allclose(found.variance[1, 0], np.log1p(np.array([0.1, 0.5]) ** 2), rtol=1e-6)
 
 
 def test_a_largest_load_leaves_loads_of_the_other_kind_alone(result):
