@@ -245,19 +245,21 @@ class PlateData:
 
 
 class Agreement(NamedTuple):
-    """Agreement of two sources of data about the parameters that one model gives both."""
+    """Agreement of two sources of data about parameters of one model."""
 
     first: str
     second: str
     chi_square: float
     """Squared distance of the sources' posterior modes by the sum of their covariances."""
-    degrees: int
-    """Number of common parameters."""
+    about: tuple[str, ...]
+    """The parameters that are compared."""
+    shared: bool
+    """True if the run gives both sources one value of them."""
 
     @property
     def p_value(self) -> float:
         """Probability of at least this distance if both sources have the same parameters."""
-        return float(chdtrc(self.degrees, self.chi_square))
+        return float(chdtrc(len(self.about), self.chi_square))
 
     @property
     def contradicts(self) -> bool:

@@ -304,21 +304,23 @@ def recorded_sentences(found: RecordedData) -> list[str]:
         f"recorded afferents against the paper's values, in sd of their priors: {moved}",
         f"current at rest: {number(found.rest)} of the rheobase ({number(found.rest_low)} to "
         f"{number(found.rest_high)}, 90 %); firing at rest in {percent(found.fires_at_rest)} of draws",
-        *map(_agreement_sentence, found.agreements),
+        *map(agreement_sentence, found.agreements),
     ]
 
 
-def _agreement_sentence(one: Agreement) -> str:
-    found = f"chi-square {number(one.chi_square)} on {one.degrees} parameters, p = {one.p_value:.2g}"
-    if one.contradicts:
-        return f"{one.first} and {one.second} contradict each other under this model ({found}): do not pool them"
-    return f"{one.first} and {one.second} do not contradict each other ({found})"
+def agreement_sentence(one: Agreement) -> str:
+    """Describe whether two sources agree about the parameters that they share, or could share."""
+    found = f"chi-square {number(one.chi_square)} on {', '.join(one.about)}; p = {one.p_value:.2g}"
+    if not one.contradicts:
+        return f"{one.first} and {one.second} do not contradict each other ({found})"
+    advice = "do not pool them" if one.shared else "the run keeps these apart, and they should not be shared"
+    return f"{one.first} and {one.second} contradict each other under this model ({found}): {advice}"
 
 
 def recorded_faults(found: RecordedData) -> tuple[str, ...]:
-    """Name what the model does not reproduce in recorded rates, and sources that contradict each other."""
+    """Name what the model does not reproduce in recorded rates, and sources that contradict what it lets them share."""
     worse = found.rate_residual_sd > MUCH_WORSE * found.rate_additive_sd  # NaN is not
-    apart = (f"{one.first} and {one.second} together" for one in found.agreements if one.contradicts)
+    apart = (f"{one.first} and {one.second} together" for one in found.agreements if one.contradicts and one.shared)
     return (*(("the recorded rates as well as a table of effects does",) if worse else ()), *apart)
 
 

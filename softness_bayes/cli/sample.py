@@ -271,7 +271,7 @@ def _about(model: ExperimentModel | SkinModel, data: Experiment | Measurements) 
     from softness_bayes.model.reach import reach_of
 
     yield from (f"note: {note}" for note in data.notes)
-    if data.afferents is not None:
+    if data.afferents is not None and (isinstance(model, ExperimentModel) or data.compression is not None):
         yield f"note: {sharing_note(data.afferents, model.options.shared)}"
     if isinstance(model, ExperimentModel):
         if note := reach_of(model):

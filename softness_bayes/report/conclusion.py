@@ -17,7 +17,13 @@ from softness_bayes.checking.identifiability import INFORMED
 from softness_bayes.checking.layout import PEOPLE_ORDERS, layout_of, ratings_in
 from softness_bayes.checking.modulus_errors import LINEAR, MovedMost
 from softness_bayes.checking.quantities import DOUBTFUL, turns_reproduced
-from softness_bayes.checking.sentences import only_noisy, recorded_faults, surprise_sentence, surprises
+from softness_bayes.checking.sentences import (
+    agreement_sentence,
+    only_noisy,
+    recorded_faults,
+    surprise_sentence,
+    surprises,
+)
 from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.likelihood.scales import FALLS, PAIRS, RISES
 from softness_bayes.model.direction import odd_raters
@@ -132,7 +138,7 @@ class Facts(NamedTuple):
     noisy: bool = False
     """True if these are the spread of ratings alone."""
     cautions: tuple[str, ...] = ()
-    """Errors that no check of this run can show."""
+    """Errors that no check of this run can show, and sources that contradict each other."""
 
     @property
     def failed(self) -> bool:
@@ -204,7 +210,7 @@ def facts_of(result: Result) -> Facts:
     if not result.has_ratings:
         failed = result.has_compression and result.provenance.plate.force_p_value < DOUBTFUL  # NaN is not
         wrong = ("growth of the plate's force with indentation",) if failed else ()
-        return facts._replace(unreproduced=(*wrong, *recorded))
+        return facts._replace(unreproduced=(*wrong, *recorded), cautions=_contradictions(result))
     ruler = result.tables.get(RULER)
     fit, checks, inputs = fit_of(result.tree, ruler), result.tables["predictive_checks"], input_errors_of(result)
     other = next(one.name for one in (RISES, FALLS) if one is not fit.direction.direction)
@@ -229,7 +235,7 @@ def facts_of(result: Result) -> Facts:
         moved=inputs.largest if inputs.sensitive else None,
         people=_people(result, highest_rated(result.tree) if speaks else ()),
         follows=fit.follows if ending.converged or settled else UNKNOWN,
-        cautions=_cautions(result),
+        cautions=(*_contradictions(result), *_cautions(result)),
     )
 
 
@@ -275,6 +281,12 @@ def _odd(result: Result) -> tuple[str, bool]:
     if found.copies:
         said.append(f"the answers of {_listed([names[k] for k in found.copies])} are copies of another rater's")
     return " and whether ".join(said), bool(found.copies)
+
+
+def _contradictions(result: Result) -> tuple[str, ...]:
+    """Return sentences on sources that contradict each other about what they share, whether chains converged or not."""
+    every = result.provenance.recorded.agreements if result.has_afferents else ()
+    return tuple(f"{agreement_sentence(one)}." for one in every if one.contradicts and one.shared)
 
 
 def _cautions(result: Result) -> tuple[str, ...]:

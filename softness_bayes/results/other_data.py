@@ -210,23 +210,24 @@ STARTS = 3
 
 
 def agreements(density: Density) -> tuple[Agreement, ...]:
-    """Return how well each pair of sources agrees about their common parameters.
+    """Return how well each pair of sources agrees about the parameters that they share, or else those they could share.
 
     Every source is fitted alone under the run's priors, by its posterior mode and the curvature there; thus a joint run
     cannot hide a contradiction behind wider spreads.
     """
     sources = _sources(density)
-    modes = [
-        (name, [own.removesuffix("_rec") for own in one.names], _mode(one)) for name, one in sources if len(sources) > 1
-    ]
+    modes = [(name, one.names, _mode(one)) for name, one in sources if len(sources) > 1]
     found = []
     for (first, one, here), (second, other, there) in combinations(modes, 2):
-        common = [name for name in CHAIN if name in one and name in other]
-        if common:
+        shared = [name for name in one if name in other and name.removesuffix("_rec") in CHAIN]
+        if not shared:
+            one, other = (tuple(name.removesuffix("_rec") for name in names) for names in (one, other))
+        if common := shared or [name for name in CHAIN if name in one and name in other]:
             i, j = ([names.index(name) for name in common] for names in (one, other))
             apart = here.point[i] - there.point[j]
             spread = sum((mode.root @ mode.root.T)[np.ix_(k, k)] for mode, k in ((here, i), (there, j)))
-            found.append(Agreement(first, second, float(apart @ np.linalg.solve(spread, apart)), len(common)))
+            chi_square = float(apart @ np.linalg.solve(spread, apart))
+            found.append(Agreement(first, second, chi_square, tuple(common), bool(shared)))
     return tuple(found)
 
 

@@ -15,10 +15,10 @@ from softness_bayes.sampler.workers import Workers
 RUN_FORMATS = ("png", "csv")
 """Formats of the figures of a run; no PDF by default, as embedding its fonts doubles the time."""
 
-FIRST_FIGURES = ("response", "rating", "inflection", "compression")
+FIRST_FIGURES = ("response", "rating", "inflection", "compression", "recorded")
 """Figures of a first look."""
 
-RUN_FIGURES = ("predictive_checks", *FIRST_FIGURES, "recorded", "corner", "category_counts", "psychometric")
+RUN_FIGURES = ("predictive_checks", *FIRST_FIGURES, "corner", "category_counts", "psychometric")
 """Figures of a run, those that take longest first; ``plot`` draws the others, which would delay the end of the run."""
 
 

@@ -74,7 +74,8 @@ def put(parts: Mapping[Path, Path]) -> None:
         for path, part in parts.items():
             os.replace(part, path)
             del waiting[path]
-        _sync_directory(path.parent)
+        for directory in {path.parent for path in parts}:
+            _sync_directory(directory)
     except OSError as error:
         error.filename, error.filename2 = str(path), None
         raise

@@ -259,6 +259,11 @@ def is_text(part):
     return isinstance(part, ast.Constant) and isinstance(part.value, str)
 
 
+def test_nothing_may_be_written(tmp_path):
+    """A run without a figure of its kind still has a folder of figures."""
+    assert write_outputs(tmp_path / "figures", {}, "plot") == []
+
+
 # full disks
 
 

@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import kstest, norm
 
 from softness_bayes.base.errors import InputError
+from softness_bayes.checking.provenance import Agreement, Provenance, attributes_of
 from softness_bayes.checking.sentences import recorded_faults, recorded_sentences
 from softness_bayes.data import Afferents, Compression, Experiment, Fabrics, Measurements
 from softness_bayes.likelihood.contract import NO_RESPONSE
@@ -146,7 +147,8 @@ def test_plates_and_recordings_say_whether_they_agree_about_the_skin():
     for b, contradicts in ((8.0, False), (40.0, True)):
         data = Measurements(plates(1, b), Afferents.read(simulated(1)))
         (found,) = agreements(build_skin(data, ModelOptions(prior_set="wide")).posterior)
-        assert (found.first, found.degrees, found.contradicts) == ("plates", 2, contradicts)
+        assert (found.first, found.about, found.contradicts) == ("plates", ("b", "m"), contradicts)
+        assert not found.shared
 
 
 def test_a_run_shares_a_skin_with_plates():
@@ -263,7 +265,8 @@ def test_sources_of_one_truth_agree_and_those_of_two_do_not():
         tables = [simulated(5, TRUTH, recording="one"), simulated(6, second, recording="two")]
         density = build_skin(Afferents.read(pd.concat(tables)), ModelOptions()).posterior
         (found,) = agreements(density)
-        assert (found.first, found.second, found.degrees) == ("recording one", "recording two", 5)
+        assert (found.first, found.second, len(found.about)) == ("recording one", "recording two", 5)
+        assert found.shared
         assert found.contradicts == contradicts
 
 
@@ -273,9 +276,22 @@ def test_ratings_are_a_source_of_their_own(rng):
     rated = simulate_ratings(rng, cloth, (Force(2.0),), usual_values(MENDED, "in-vivo"), participants=6).ratings
     data = Experiment(rated, cloth, (), afferents=Afferents.read(simulated(5)))
     options = ModelOptions(prior_set="in-vivo", direction=RISES, errors=NORMAL)
-    (found,) = agreements(build(data, options).posterior)
-    assert (found.first, found.second, found.degrees) == ("ratings", "recorded afferents", 4)
-    assert found.contradicts
+    (apart,) = agreements(build(data, options).posterior)
+    assert (apart.first, apart.second, apart.about) == ("ratings", "recorded afferents", ("b", "m", "alpha", "beta"))
+    assert (apart.shared, apart.contradicts) == (False, True)
+    (found,) = agreements(build(data, dataclasses.replace(options, shared=("b", "m"))).posterior)
+    assert (found.about, found.shared) == (("b", "m"), True)
+
+
+@pytest.mark.parametrize(("shared", "advice"), [(True, "do not pool them"), (False, "should not be shared")])
+def test_only_what_is_shared_counts_against_a_run(result, shared, advice):
+    """A run that gives each source its own parameters claims nothing that their difference could contradict."""
+    apart = Agreement("plates", "recording A", 40.0, ("b", "m"), shared)
+    found = dataclasses.replace(result.provenance.recorded, agreements=(apart,))
+    assert recorded_faults(found) == (("plates and recording A together",) if shared else ())
+    assert advice in recorded_sentences(found)[-1]
+    told = Provenance({**result.attributes, **attributes_of(found)}).recorded
+    assert told == found
 
 
 # comparison
