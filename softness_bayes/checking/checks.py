@@ -25,7 +25,7 @@ from scipy.sparse import csr_array
 from scipy.special import chdtrc, chdtri, ndtri, polygamma
 
 from softness_bayes.base import arviz_bridge
-from softness_bayes.checking.provenance import Finding
+from softness_bayes.checking.provenance import Finding, PlateData
 from softness_bayes.checking.quantities import PIT, SUMMARIES
 from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters, RowsLeftOut
 from softness_bayes.likelihood.layout import Layout
@@ -204,11 +204,6 @@ class Projection:
         return float((0.5 * (score * ratio / (1.0 + ratio) - np.log1p(ratio))).sum(axis=-1).mean(axis=-1).max())
 
     @property
-    def p_value_of_difference(self) -> float:
-        """The same for a difference between groups; NaN if in no draw two groups have a slope."""
-        return self.p_value if (self.freedom >= 2).any() else np.nan
-
-    @property
     def deviation(self) -> float:
         """Standard deviation of the groups' coefficients of x, estimated from the excess of T over noise."""
         judged = self.freedom > 0
@@ -328,9 +323,11 @@ def check_slope(
     if of_raters:
         group, size = design.participant, design.n_participants
     found = residuals.project(group, size, slope, centred=of_raters)
+    # one rater's slope is no difference
+    judged = not of_raters or bool((found.freedom >= 2).any())
     return Finding(
         name,
-        found.p_value_of_difference if of_raters else found.p_value,
+        found.p_value if judged else np.nan,
         found.deviation if name == EXPONENTS else np.nan,
         modelled=modelled,
         advice=advice if available and not modelled else (),
@@ -473,23 +470,13 @@ def loo_pit(left_out: RowsLeftOut, discrete: NDArray[np.bool_]) -> LooPit:
     return LooPit(np.clip(value, 0.0, 1.0), pareto_k)
 
 
-class ExponentCheck(NamedTuple):
-    """Growth of plate forces with indentation, in the data and under the fitted skin."""
+def check_exponent(forces: CompressionForces, replicated: Array, digest: str, zeros: int) -> PlateData:
+    """Compare the exponent of force against indentation with that of replicated forces (draws, rows) [N].
 
-    observed: float
-    """Exponent of force against indentation in the data."""
-    low: float
-    high: float
-    """Limits of 90 % of the replicates."""
-    p_value: float
-    """Two-sided predictive p-value."""
-    points: float
-    """Mean number of forces per finger."""
-
-
-def check_exponent(forces: CompressionForces, replicated: Array) -> ExponentCheck:
-    """Compare the exponent of force against indentation with that of replicated forces (draws, rows) [N]."""
+    `digest` is that of the data, and `zeros` its number of forces of 0.
+    """
     observed, again = float(forces.exponent(forces.values)), forces.exponent(replicated)
     low, high = np.quantile(again, [0.05, 0.95])
     tail = min(float((again >= observed).mean()), float((again <= observed).mean()))
-    return ExponentCheck(observed, float(low), float(high), min(1.0, 2.0 * tail), forces.values.size / forces.n_fingers)
+    each = forces.values.size / forces.n_fingers
+    return PlateData(digest, zeros, each, observed, float(low), float(high), min(1.0, 2.0 * tail))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from softness_bayes.base.files.run_files import RECORDED_RATES
 from softness_bayes.base.laws import LogNormal
 from softness_bayes.checking.checks import check_exponent
-from softness_bayes.checking.provenance import Agreement, PlateData, RecordedData, attributes_of
+from softness_bayes.checking.provenance import Agreement, RecordedData, attributes_of
 from softness_bayes.data import Afferents, Compression, Experiment, Measurements
 from softness_bayes.data.columns import FORCE, INDENTATION
 from softness_bayes.likelihood.contract import NO_RESPONSE, Parameters, Term
@@ -74,7 +74,7 @@ def _plate(
     # from half the smallest to a tenth more than the largest of the data
     depth = np.geomspace(0.5 * data.indentation.min(), 1.1 * data.indentation.max(), POINTS)
     b, m = (np.asarray(value)[:, None] for value in (curves.b, curves.m))
-    line, check = plate_force(depth, b, m, displacement=term.model.displacement), check_exponent(term, again)
+    line = plate_force(depth, b, m, displacement=term.model.displacement)
     groups: Groups = {
         "posterior": {
             "log_b_effect": Variable(fingers.log_b, ("finger",)),
@@ -94,8 +94,7 @@ def _plate(
         "force_row": data.rows,
         "plate_indentation_mm": depth / INDENTATION.factor,
     }
-    found = PlateData(data.digest, data.n_zero, check.points, check.observed, check.low, check.high, check.p_value)
-    return Part(groups, coordinates, attributes_of(found))
+    return Part(groups, coordinates, attributes_of(check_exponent(term, again, data.digest, data.n_zero)))
 
 
 def _recorded(rng: np.random.Generator, data: Afferents, density: Density, term: RecordedRates, points: Points) -> Part:

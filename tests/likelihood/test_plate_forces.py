@@ -111,7 +111,7 @@ def test_the_exponent_is_that_of_a_power_law():
     assert 2.1 < observed.exponent(plate_force(depth, 8e3, 3.8)) < 2.3
     single = CompressionForces([1e-3, 1e-3], [0.1, 0.2], [0, 1], 2)
     assert np.isnan(single.exponent(single.values))
-    assert np.isnan(check_exponent(single, np.ones((3, 2))).observed)
+    assert np.isnan(check_exponent(single, np.ones((3, 2)), "", 0).force_exponent)
 
 
 def test_the_check_accepts_its_model_and_refuses_another(rng):
@@ -120,16 +120,17 @@ def test_the_check_accepts_its_model_and_refuses_another(rng):
     point = TYPICAL.each(lambda value: np.full(n, value))
 
     def check(observed):
-        return check_exponent(observed, made_of(observed, rng, point, observed.draw_effects(rng, NO_RESPONSE, point)))
+        again = made_of(observed, rng, point, observed.draw_effects(rng, NO_RESPONSE, point))
+        return check_exponent(observed, again, "", 0)
 
     found = [check(balanced(rng, TYPICAL)) for _ in range(20)]
-    assert sum(one.p_value < 0.05 for one in found) <= 4
-    assert found[0].observed > 1.5
-    assert found[0].points == 4
+    assert sum(one.force_p_value < 0.05 for one in found) <= 4
+    assert found[0].force_exponent > 1.5
+    assert found[0].forces_per_finger == 4
     right = balanced(rng, TYPICAL)
     # no noise that TYPICAL allows for explains saturation at every depth
     wrong = CompressionForces(right.indentation, 0.2 * (right.indentation / 1e-3) ** 0.3, right.finger, 6)
-    assert check(wrong).p_value < 0.05
+    assert check(wrong).force_p_value < 0.05
 
 
 @pytest.mark.parametrize(
