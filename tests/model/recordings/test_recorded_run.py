@@ -324,6 +324,32 @@ def test_two_real_recordings_contradict_each_other(recording_a, recording_b):
     assert found.contradicts
 
 
+def test_the_recordings_disagree_at_the_contact_centre(recording_a, recording_b):
+    """Where both were recorded, under 15 gf: ratios of B to A, as the page on recordings says."""
+    first = recording_a[np.isclose(recording_a.force_n, 0.1471, atol=1e-3)]
+    second = recording_b[recording_b.distance_mm == 0.0]
+    assert first.probe_curvature_per_m.tolist() == second.probe_curvature_per_m.tolist()
+    flat, *spheres = second.rate_hz.to_numpy() / first.rate_hz.to_numpy()
+    assert (flat, min(spheres), max(spheres)) == pytest.approx((0.85, 0.93, 1.49), abs=0.005)
+
+
+@pytest.mark.slow
+def test_held_out_forces_are_predicted_with_the_coverage_that_is_stated(recording_a):
+    """Each force from the other two: 90 % intervals are too narrow at the smallest, and the page says so."""
+    inside = []
+    for force, rows in recording_a.groupby("force_n"):
+        run = sample(Afferents.read(recording_a[recording_a.force_n != force]), processes=1, seed=1)
+        left = build_skin(Afferents.read(rows), ModelOptions()).posterior
+        theta = np.column_stack([run.group("posterior")[name].values.ravel() for name in left.names])
+        term, at = left.terms[0], left.parameters_of(left.terms[0], theta)
+        rng = np.random.default_rng(0)
+        made = term.replicate(rng, term.rate(at), at, term.new_effects(rng, at, (len(theta),)))
+        low, high = np.quantile(made, [0.05, 0.95], axis=0)
+        inside.append(int(((low <= rows.rate_hz) & (rows.rate_hz <= high)).sum()))
+    assert inside[0] == pytest.approx(2, abs=1)
+    assert sum(inside) == pytest.approx(16, abs=1)
+
+
 def test_a_table_of_effects_fits_the_recording_better(recording_a):
     """2.5 Hz by least squares of rates (2.8 by least squares of their logs), where the chain leaves 5.8."""
     assert log_additive_sd(Afferents.read(recording_a)) == pytest.approx(2.54, abs=0.02)

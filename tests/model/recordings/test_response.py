@@ -1,5 +1,7 @@
 """Rigid probes and the rates of single afferents under them."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -110,3 +112,12 @@ def test_penalised_fit_of_a_recording(recording_a, readings, objective, sd, othe
     assert np.sqrt(np.mean((observed - rates(fitted.x)) ** 2)) == pytest.approx(sd, abs=0.02)
     if others:
         assert (alpha, beta, alpha / (1.0 + np.exp(beta * sigma_0))) == pytest.approx(others, rel=5e-3)
+
+
+def test_the_membrane_of_hodgkin_and_huxley_cannot_fire_slowly():
+    touches = ProbedTouches([Force(0.15)] * 3, np.array([0.0, 200.0, 600.0]), np.zeros(3))
+    other = dataclasses.replace(touches, readings=MENDED.override({"membrane": "hodgkin-huxley"}))
+    at = Afferent(8e3, 4.0, 40.0, 2e-5, rest=np.linspace(0.5, 0.999, 60))
+    usual, found = touches.rate(at), other.rate(at)
+    assert usual[usual > 0].min() < 30.0
+    assert found[found > 0].min() > 54.0
