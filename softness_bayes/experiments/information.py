@@ -210,5 +210,7 @@ def _sd_ratio(weight: FloatArray, quantity: FloatArray) -> float:
     if not (total.sum() > 0 and np.ptp(value) > 0):
         return 1.0
     value = (value - value.mean()) / value.std()
-    mean, square = (share @ value**power / np.where(total > 0, total, 1.0) for power in (1, 2))
-    return float(np.sqrt(total @ (square - mean**2) / total.sum()))
+    share = share / np.where(total > 0, total, 1.0)[:, None]
+    # few effective draws spread too little about their own mean
+    spread = (share @ value**2 - (share @ value) ** 2) / np.maximum(1.0 - (share**2).sum(axis=1), 1e-9)
+    return float(np.sqrt(total @ spread / total.sum()))

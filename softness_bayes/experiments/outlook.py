@@ -146,7 +146,6 @@ class Candidates:
         unmeasured = np.full(wanted.size, np.nan)
         properties: dict[str, Any] = {name: np.append(getattr(base, name), unmeasured) for name in PROPERTIES}
         properties["effective_modulus"][len(base) :] = wanted
-        batch = (*base.batch, *[""] * wanted.size)
         loads = [load_named(load) for load in self.loads or outlook.model.data.ratings.loads]
         if self.largest_load is not None:
             largest = load_named(self.largest_load, "largest load: ")
@@ -155,7 +154,7 @@ class Candidates:
             loads = [load for load in loads if type(load) is not type(largest) or held(load) <= most]
             if not loads:
                 raise InputError(f"largest load: every load is larger than {largest}; choose a larger one")
-        every = replace(base, names=names, rows=(), batch=batch, **properties)
+        every = replace(base, names=names, rows=(), batch=(*base.batch, *[""] * wanted.size), **properties)
         return Candidates(every, (), tuple(map(str, loads)), modulus_cv=self.modulus_cv)
 
     def ratings(self, outlooks: Sequence[Outlook], rater: str | int | None) -> FurtherRatings:
