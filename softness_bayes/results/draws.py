@@ -35,8 +35,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-DRAWS = 4000
-"""Number of evenly thinned draws stored in the file; convergence is checked on all draws."""
+DRAWS = 2000
+"""Number of evenly thinned draws stored in the file, about the effective size of a run that has just converged, so that
+more would say little; convergence is checked on all draws."""
 
 CURVES = 400
 """Number of posterior draws with stored response curves."""
