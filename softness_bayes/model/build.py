@@ -43,6 +43,7 @@ from softness_bayes.parameters.space import FabricModuli, ParameterSpace, scales
 from softness_bayes.touch.accuracy import PRESETS, ChosenResolution, choose
 from softness_bayes.touch.finger_grid import SPREAD_OF
 from softness_bayes.touch.load_groups import groups_of
+from softness_bayes.touch.neuron.membrane import HODGKIN_HUXLEY
 from softness_bayes.touch.scene import Discretisation, Scene
 
 COARSE = PRESETS[0]
@@ -406,12 +407,17 @@ def _recorded(data: Experiment | Measurements, options: ModelOptions) -> list[Re
     Raises
     ------
     InputError
-        If parameters are shared although nothing was recorded, or a probe does not fit the finger.
+        If parameters are shared although nothing was recorded, a probe does not fit the finger, or the membrane cannot
+        fire as slowly as recorded afferents do.
     """
     if data.afferents is None:
         if options.shared:
             raise InputError("shared: there are no recorded afferents (--afferents); omit it")
         return []
+    if options.readings.membrane == HODGKIN_HUXLEY:
+        raise InputError(
+            "afferents: the reading membrane=hodgkin-huxley cannot fire below 54 Hz, as recorded afferents do; omit it"
+        )
     rows = data.afferents
     freed = tuple(name for name in declared.OPTIONAL_RECORDING if name in {*options.fix, *options.priors})
     touches = ProbedTouches(rows.loads, rows.curvature, rows.distance, options.finger, options.readings)
