@@ -124,7 +124,7 @@ def print_result(result: Result, out: Path, times: str = "", verbose: bool = Tru
 
 def _details(result: Result, fit: Fit | None) -> list[str]:
     """Return the summary, what was learnt, turning points and checks."""
-    from softness_bayes.checking.sentences import plate_sentence, recorded_sentences
+    from softness_bayes.checking.sentences import plate_sentence
 
     summary = result.summary()
     left_out = ("contraction", "psens_prior_mcse", "psens_likelihood_mcse")  # printed as text or only stored
@@ -132,7 +132,7 @@ def _details(result: Result, fit: Fit | None) -> list[str]:
     shown.insert(list(shown).index("prior_sd") + 1, "sd/prior_sd", summary["sd"] / summary["prior_sd"])
     lines = [f"{shown.to_string(float_format=lambda x: f'{x:.4g}', na_rep='–')}\n", *result.learnt()]
     lines += [f"\n{plate_sentence(result.provenance.plate)}"] if result.has_compression else []
-    lines += ["", *recorded_sentences(result.provenance.recorded)] if result.has_afferents else []
+    lines += ["", *result.recorded_sentences] if result.has_afferents else []
     return [*lines, *([] if fit is None else [f"\n{_turning(result)}\n", *_about_ratings(result, fit)])]
 
 

@@ -17,13 +17,12 @@ from softness_bayes.checking.checks import ALONG, LEVEL
 from softness_bayes.checking.exactness import Exactness, compare_likelihoods
 from softness_bayes.checking.identifiability import INFORMED
 from softness_bayes.checking.modulus_errors import MovedMost, moved_most
-from softness_bayes.checking.provenance import NumericalErrors, PlateData, RecordedData
+from softness_bayes.checking.provenance import NumericalErrors, PlateData
 from softness_bayes.checking.quantities import Reproduction, turns_reproduced
 from softness_bayes.checking.sentences import (
     information_sentences,
     plate_sentence,
     recorded_faults,
-    recorded_sentences,
     residual_sentences,
     turn_sentence,
     unreproduced_sentence,
@@ -92,7 +91,7 @@ def cards(result: Result) -> list[Card]:
         rest = [Card(FAST_MODEL, *nothing), Card(TURNING, *nothing)]
     rest.append(information_card(result.summary(), [*filter(None, [provenance.held_eps])]))
     rest += [plate_card(provenance.plate)] if result.has_compression else []
-    rest += [recorded_card(result.provenance.recorded)] if result.has_afferents else []
+    rest += [recorded_card(result)] if result.has_afferents else []
     if not provenance.ending.converged:
         rest, follows = ([card.doubted(NOT_CONVERGED) for card in some] for some in (rest, follows))
     if follows and follows[0].standing is Standing.BAD:
@@ -239,11 +238,12 @@ def plate_card(plate: PlateData) -> Card:
     return Card(question, answer, standing, [sentence(plate_sentence(plate))])
 
 
-def recorded_card(found: RecordedData) -> Card:
+def recorded_card(result: Result) -> Card:
     """Return the card on recorded afferents: fit, distance from the paper, and agreement with other sources."""
-    answer, standing = ("No", Standing.BAD) if recorded_faults(found) else ("Yes", Standing.GOOD)
+    faults = recorded_faults(result.provenance.recorded)
+    answer, standing = ("No", Standing.BAD) if faults else ("Yes", Standing.GOOD)
     question = "Does the chain reproduce what afferents were recorded to do?"
-    return Card(question, answer, standing, [*map(sentence, recorded_sentences(found))])
+    return Card(question, answer, standing, [*map(sentence, result.recorded_sentences)])
 
 
 def exactness_of(result: Result) -> Exactness:

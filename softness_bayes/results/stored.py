@@ -208,6 +208,13 @@ class Stored:
         return finger_of(self.provenance.asked.options.get("finger", {}))
 
     @property
+    def recorded_sentences(self) -> list[str]:
+        """What the recorded afferents of the run say of the chain, in words."""
+        from softness_bayes.checking.sentences import recorded_sentences
+
+        return recorded_sentences(self.provenance.recorded)
+
+    @property
     def readings(self) -> Readings:
         """The readings of the run."""
         return self.provenance.readings

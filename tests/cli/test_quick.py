@@ -50,7 +50,7 @@ def test_it_ends_well_and_says_what_it_is(looked, result):
 
 def test_its_figures_are_few_and_each_is_labelled(looked, result):
     drawn = {path.stem for path in (looked[0] / "out" / "figures").glob("*.png")}
-    assert drawn == {*FIRST_FIGURES} - {"compression"}  # there are no forces
+    assert drawn == {*FIRST_FIGURES} - {"compression", "recorded"}  # there are ratings alone
     for name in ("rating", "corner"):  # one of those, and one drawn later
         assert FIGURES[name](result).get_suptitle() == LABEL  # for which the layout makes room
 

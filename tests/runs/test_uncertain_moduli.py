@@ -11,7 +11,7 @@ from scipy.stats import kstest
 from softness_bayes.base.laws import LogNormal
 from softness_bayes.checking.layout import layout_of
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.experiments.outlook import outlook_of_run
+from softness_bayes.experiments.outlook import Candidates, outlook_of_run
 from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.scales import RISES
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
@@ -129,7 +129,7 @@ def test_a_fabric_to_rate_next_has_the_factor_of_its_batch(variant_run):
     with quickly():
         outlook = outlook_of_run(converged(variant_run("batches")))
         fabrics = Fabrics(names, effective_modulus=np.full(5, modulus), batch=batch)
-        response = outlook.touches(fabrics, LOADS[:1], None).response
+        response = Candidates(fabrics, loads=(str(LOADS[0]),)).ratings([outlook], None).response
     assert_allclose(response[:, 0], response[:, 1], rtol=1e-9)
     assert_allclose(response[:, 3], response[:, 4], rtol=1e-9)
     for other in (2, 3):
