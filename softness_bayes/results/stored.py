@@ -209,7 +209,7 @@ class Stored:
 
     @property
     def recorded_sentences(self) -> list[str]:
-        """What the recorded afferents of the run say of the chain, in words."""
+        """Sentences on what the recorded afferents of the run say of the chain."""
         from softness_bayes.checking.sentences import recorded_sentences
 
         return recorded_sentences(self.provenance.recorded)
