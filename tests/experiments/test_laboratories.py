@@ -187,7 +187,8 @@ class Begun:
 def test_ratios_are_foretold(seed):
     """Ratios of sds over ratings that are simulated from the posterior and fitted agree with those foretold.
 
-    Within a fifth in 11 of 12 cases, each of 25 truths. In single laboratories they differ by up to a factor of two.
+    Over 25 truths, those of b and of the turning point within a fifth; that of sigma_0 is foretold at least 0.9 of what
+    it becomes. In single laboratories they differ by up to a factor of two.
     """
     lab, errors = Begun(seed), []
     for conditions in (*(designed(lab.first, name) for name in ABOUT), USUAL):
@@ -195,8 +196,10 @@ def test_ratios_are_foretold(seed):
         after = [lab.realised(conditions, lab.ratings_of_draw(s, conditions)) for s in truths]
         realised = np.sqrt(np.nanmean(np.square(after), axis=0))
         errors.append(np.log(lab.foretold(conditions) / realised))
+    b, sigma_0, turning = np.transpose(errors)
     assert np.abs(np.mean(errors)) < 0.1
-    assert np.abs(errors).max() < 0.3
+    assert np.abs([b, turning]).max() < np.log(1.2)
+    assert sigma_0.min() > np.log(0.9)
 
 
 @pytest.mark.slow
