@@ -21,6 +21,8 @@ from softness_bayes.checking.identifiability import direction_table
 from softness_bayes.checking.inflection import curve_scene
 from softness_bayes.checking.provenance import PRIOR, Provenance, family_of
 from softness_bayes.data import Experiment, Measurements
+from softness_bayes.likelihood.contract import RowsLeftOut
+from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.results import draws as of_run
 from softness_bayes.results import predictions
@@ -119,7 +121,9 @@ def assembled(
         rng, experiment, posterior, Points(theta, few.theta, draws.prior[: draws.replicates], curves.theta)
     )
     Stage.LEFT_OUT.log()
-    left_out = draws.ratings.left_out(few.mean_rate, few.parameters)
+    chunks = [(few.theta[k],) for k in pieces(len(few.theta), 1, of_run.CHUNK // 5)]
+    of_rows, of_people = zip(*workers.map(_left_out, chunks), strict=True)
+    left_out, whole = RowsLeftOut(*map(np.concatenate, zip(*of_rows, strict=True))), np.concatenate(of_people)
     Stage.PREDICTIONS.log()
     errors, grid = numerical_errors(draws), curve_scene(draws.scene, loads=draws.shown_loads)
     predicted = predictions.prediction_group(draws, grid, errors[0])
@@ -128,7 +132,6 @@ def assembled(
     shown = predictions.illustrations(rng, draws, turn, trains())
     Stage.CHECKS.log()
     compared = comparison()
-    whole = draws.ratings.log_likelihood_participants(few.mean_rate, few.parameters)
     own: of_run.Groups = {
         "posterior": _effects(draws),
         "sample_stats": exactness_stats(compared, theta.shape),
@@ -157,6 +160,12 @@ def _sources(data: Experiment | Measurements) -> str:
     """Return the name of the joint log-likelihood of all data in a result."""
     others = [name for name in ("compression", "afferents") if getattr(data, name) is not None]
     return "_and_".join([*(["ratings"] if isinstance(data, Experiment) else []), *others])
+
+
+def _left_out(posterior: Posterior, theta: NDArray[np.float64]) -> tuple[RowsLeftOut, NDArray[np.float64]]:
+    """Return the law of each rating given all others, and the log density of each participant's ratings."""
+    ratings, at = posterior.observation, (posterior.response(theta), posterior.rating_parameters(theta))
+    return ratings.left_out(*at), ratings.log_likelihood_participants(*at)
 
 
 def _trains(posterior: Posterior, rng: np.random.Generator, parameters: TouchParameters) -> predictions.Trains:

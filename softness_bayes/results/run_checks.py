@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -73,8 +73,17 @@ def _other_loads(exact: Scene, posterior: Posterior) -> Scene:
     return at_other_loads(exact, errors)
 
 
+def fast_log_likelihood(posterior: Posterior, theta: Array) -> Array:
+    """Return the log-likelihood at points (n, dimension) with the fast response and the reference of the integrals."""
+    return posterior.log_likelihood(theta)
+
+
 def compare_exactly(
-    posterior: Posterior, theta: Array, workers: Workers | None, reweight: bool = False
+    posterior: Posterior,
+    theta: Array,
+    workers: Workers,
+    reweight: bool = False,
+    reference: Callable[[Posterior, Array], Array] = exact_log_likelihood,
 ) -> Callable[[], exactness.Exactness]:
     """Begin the comparison of the sampled log-likelihood with its reference at evenly spaced draws.
 
@@ -87,10 +96,12 @@ def compare_exactly(
     theta
         All draws, shape (chains, draws, dimension).
     workers
-        Processes with `posterior` as their resident object, which compute the exact likelihood in parallel. None for
-        the reference of the integrals over raters' effects, with the same fast response.
+        Processes with `posterior` as their resident object, which compute the exact likelihood in parallel.
     reweight
         Whether to compare at `REWEIGHT_DRAWS` draws, for reweighting, instead of `EXACT_DRAWS`.
+    reference
+        Function of a module that computes the reference; `fast_log_likelihood` for that of the integrals over raters'
+        effects alone, with the same fast response.
 
     Returns
     -------
@@ -101,11 +112,9 @@ def compare_exactly(
     numbers = (REWEIGHT_DRAWS,) if reweight else (FIRST_DRAWS, EXACT_DRAWS)
 
     def begin(some: Array) -> list[Callable[[], Array]]:
-        if workers is None:
-            return [partial(posterior.log_likelihood, some)]
         # the division does not depend on the number of processes, so that results agree to the last bit
         parts = np.array_split(some, min(EXACT_PARTS, -(-len(some) // FIRST_DRAWS)))
-        return [workers.later(exact_log_likelihood, part) for part in parts]
+        return [workers.later(reference, part) for part in parts]
 
     begun = begin(theta[evenly(theta.shape, numbers[0])])
 

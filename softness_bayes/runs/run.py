@@ -28,7 +28,7 @@ from softness_bayes.people.of_run import orders_of, people_tables, threshold_tab
 from softness_bayes.results.assembly import Stage, assembled, assembled_skin
 from softness_bayes.results.draws import FIRST_SHARE
 from softness_bayes.results.result import Result
-from softness_bayes.results.run_checks import compare_exactly
+from softness_bayes.results.run_checks import compare_exactly, fast_log_likelihood
 from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.results.stored import SCHEMA
 from softness_bayes.runs.checkpoint import Checkpoint
@@ -132,7 +132,7 @@ def sample_model(
             found = assembled_skin(model.data, posterior, chains, verdict.burn_in, rng, attributes)
             return Result(found.tree, found.summary.join(information_table(found.tree)), found.tables)
         ended = verdict.converged and not run.quick
-        integrals = _integrals(model.posterior, sampled_of(state)) if ended else None
+        integrals = _integrals(model.posterior, sampled_of(state), workers) if ended else None
         if integrals is None or integrals.exact_enough or integrals.pareto_k <= LARGEST_K:
             ratings, means = model.data.ratings, None
             if model.options.scale.model is None:
@@ -307,12 +307,13 @@ def outcome(state: RunState, run: RunOptions) -> dict[str, Any]:
     )
 
 
-def _integrals(posterior: Posterior, sampled: Sampled) -> Exactness | None:
+def _integrals(posterior: Posterior, sampled: Sampled, workers: Workers) -> Exactness | None:
     """Return the comparison of the integrals that the sampler used with their reference; None if they are the same."""
     if posterior.for_sampling is posterior:
         return None
     kept = sampled.chains.kept(sampled.verdict.burn_in)
-    return compare_exactly(posterior, kept.by_walker(posterior.natural(kept.coordinates)), None)()
+    theta = kept.by_walker(posterior.natural(kept.coordinates))
+    return compare_exactly(posterior, theta, workers, reference=fast_log_likelihood)()
 
 
 def _means_of_people(_: Any, ratings: Ratings, options: ModelOptions) -> FreeMeans:
