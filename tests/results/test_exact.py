@@ -8,7 +8,6 @@ import pytest
 from softness_bayes.checking import exactness
 from softness_bayes.checking.exactness import HARMLESS
 from softness_bayes.checking.sentences import exactness_sentence
-from softness_bayes.results import run_checks
 from softness_bayes.results.draws import evenly
 from softness_bayes.results.run_checks import EXACT_DRAWS, FIRST_DRAWS, compare_exactly, exactness_stats
 from softness_bayes.sampler.workers import Workers
@@ -18,7 +17,7 @@ SHAPE = (20, 30)
 
 
 @pytest.fixture
-def compare(monkeypatch, rng):
+def compare(rng):
     """Compare with an exact likelihood that differs by given amounts at the draws; return where and what was found."""
     posterior = fake_posterior()
     posterior.scene.firing = SimpleNamespace(noise=0)
@@ -32,9 +31,8 @@ def compare(monkeypatch, rng):
             asked.append(len(points))
             return posterior.log_likelihood(points) + [by_point[bytes(point)] for point in points]
 
-        monkeypatch.setattr(run_checks, "exact_log_likelihood", different)
         with Workers(posterior, 1) as workers:
-            found = compare_exactly(posterior, theta, workers, reweight)()
+            found = compare_exactly(posterior, theta, workers, reweight, different)()
         assert sum(asked) == found.difference.size + (FIRST_DRAWS if found.difference.size == EXACT_DRAWS else 0)
         stored = exactness_stats(found, theta.shape)["exact_difference"].values
         compared = np.isfinite(stored)
