@@ -134,6 +134,12 @@ class RowLaw:
         """Share of lapses, shape (..., 1)."""
         return np.asarray(self.parameters.lapse, float)[..., None]
 
+    @property
+    def _log_lapse(self) -> FloatArray:
+        """Log probability that a row is a lapse and as it is, shape (..., rows)."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.log(self._lapse) + self.rows.lapse)
+
     def _score(self, errors: FloatArray) -> FloatArray:
         return self.law.normal_scores(errors, self.parameters)
 
@@ -210,7 +216,7 @@ class RowLaw:
         whole -= ndtr(self._score(ends[0]))
         small = whole < LEAST
         if self.law.lapses:
-            small &= np.log(self._lapse) + self.rows.lapse < np.log(COVERED)
+            small &= self._log_lapse < np.log(COVERED)
             whole = np.where(small, whole, np.maximum(whole, LOST))
         parts = [np.log(whole)]
         if orders:
@@ -262,7 +268,7 @@ class RowLaw:
             return parts
         with np.errstate(divide="ignore"):
             kept = np.log1p(-self._lapse) + parts[0]
-            value = np.logaddexp(kept, np.log(self._lapse) + self.rows.lapse)
+            value = np.logaddexp(kept, self._log_lapse)
         if len(parts) == 1:
             return [value]
         share = np.exp(kept - value)

@@ -43,6 +43,10 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+LEFT_OUT_CHUNK = 50
+"""Largest number of draws of which a worker computes each rating given all others in one call."""
+
+
 class Stage(Enum):
     """A stage after sampling, in order of execution; the value describes it."""
 
@@ -121,7 +125,7 @@ def assembled(
         rng, experiment, posterior, Points(theta, few.theta, draws.prior[: draws.replicates], curves.theta)
     )
     Stage.LEFT_OUT.log()
-    chunks = [(few.theta[k],) for k in pieces(len(few.theta), 1, of_run.CHUNK // 5)]
+    chunks = [(few.theta[k],) for k in pieces(len(few.theta), 1, LEFT_OUT_CHUNK)]
     of_rows, of_people = zip(*workers.map(_left_out, chunks), strict=True)
     left_out, whole = RowsLeftOut(*map(np.concatenate, zip(*of_rows, strict=True))), np.concatenate(of_people)
     Stage.PREDICTIONS.log()

@@ -73,11 +73,6 @@ def _other_loads(exact: Scene, posterior: Posterior) -> Scene:
     return at_other_loads(exact, errors)
 
 
-def fast_log_likelihood(posterior: Posterior, theta: Array) -> Array:
-    """Return the log-likelihood at points (n, dimension) with the fast response and the reference of the integrals."""
-    return posterior.log_likelihood(theta)
-
-
 def compare_exactly(
     posterior: Posterior,
     theta: Array,
@@ -100,8 +95,8 @@ def compare_exactly(
     reweight
         Whether to compare at `REWEIGHT_DRAWS` draws, for reweighting, instead of `EXACT_DRAWS`.
     reference
-        Function of a module that computes the reference; `fast_log_likelihood` for that of the integrals over raters'
-        effects alone, with the same fast response.
+        Function that computes the reference; `Posterior.log_likelihood` for that of the integrals over raters' effects
+        alone, with the same fast response.
 
     Returns
     -------

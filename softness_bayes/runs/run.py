@@ -28,7 +28,7 @@ from softness_bayes.people.of_run import orders_of, people_tables, threshold_tab
 from softness_bayes.results.assembly import Stage, assembled, assembled_skin
 from softness_bayes.results.draws import FIRST_SHARE
 from softness_bayes.results.result import Result
-from softness_bayes.results.run_checks import compare_exactly, fast_log_likelihood
+from softness_bayes.results.run_checks import compare_exactly
 from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.results.stored import SCHEMA
 from softness_bayes.runs.checkpoint import Checkpoint
@@ -313,7 +313,7 @@ def _integrals(posterior: Posterior, sampled: Sampled, workers: Workers) -> Exac
         return None
     kept = sampled.chains.kept(sampled.verdict.burn_in)
     theta = kept.by_walker(posterior.natural(kept.coordinates))
-    return compare_exactly(posterior, theta, workers, reference=fast_log_likelihood)()
+    return compare_exactly(posterior, theta, workers, reference=Posterior.log_likelihood)()
 
 
 def _means_of_people(_: Any, ratings: Ratings, options: ModelOptions) -> FreeMeans:
