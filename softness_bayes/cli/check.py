@@ -59,7 +59,7 @@ def check(
     from softness_bayes.cli import check_text as text
     from softness_bayes.data import Measurements
     from softness_bayes.experiments.understanding import SCHEMA, foreseen, understood, warnings
-    from softness_bayes.model.build import ExperimentModel
+    from softness_bayes.model.build import ExperimentModel, recorded_terms
     from softness_bayes.model.reach import reach_of
     from softness_bayes.people.free_means import free_means
 
@@ -70,6 +70,7 @@ def check(
     experiment = _read_or_answered(files, model)
     if experiment is None:
         return
+    recorded_terms(experiment, model)  # raises where a hollow is narrower than the finger
     if isinstance(experiment, Measurements):
         if design or cost or figure is not None:
             raise InputError("check: --design, --cost and --figure need ratings: give --data, or omit them")

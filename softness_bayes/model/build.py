@@ -13,6 +13,7 @@ from softness_bayes.base.laws import LogNormal
 from softness_bayes.base.ranges import require_kind
 from softness_bayes.base.readable import counted
 from softness_bayes.data import Afferents, Compression, Experiment, Measurements, Ratings
+from softness_bayes.data.columns import CURVATURE
 from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.data.ratings import FREE_TOUCH
 from softness_bayes.data.texts import listing
@@ -183,7 +184,7 @@ class ExperimentModel:
             spreads=[{**SPREAD_OF, **RATER_SPREADS}[name] for name in options.individual],
             signed=("gamma",) if direction == FREE else (),
             of_errors=declared.ERROR_PARAMETERS.keys() & {*needs},
-            recorded=[name for term in _recorded(data, options) for name in term.model.needs],
+            recorded=[name for term in recorded_terms(data, options) for name in term.model.needs],
         )
 
     def scene_at(self, space: ParameterSpace, discretisation: Discretisation, noise: float | None = None) -> Scene:
@@ -299,7 +300,7 @@ class ExperimentModel:
                 observation = observation.with_pressed(PressedRaters.of(plates[0], *names))
         posterior = Posterior(
             _bent(self._space, self.scene, self.directed).with_moduli(self.moduli),
-            (observation, *spreads_between(data.ratings), *plates, *_recorded(data, options)),
+            (observation, *spreads_between(data.ratings), *plates, *recorded_terms(data, options)),
             self.scene,
             None if errors is None else scenes.at_other_loads(self.scene, errors),
             fingers.family_of(self.scene, fingers.grid_of(options.individual))
@@ -384,7 +385,7 @@ def build_skin(data: Compression | Afferents | Measurements, options: ModelOptio
     """
     data = Measurements.of(data)
     plates = [] if data.compression is None else [forces_of(data.compression, options)]
-    recorded = _recorded(data, options)
+    recorded = recorded_terms(data, options)
     used = {name for term in (*plates, *recorded) for name in term.model.needs}
     if alone := [name for name in options.shared if not (plates and name in SKIN)]:
         raise InputError(f"shared: {alone[0]} occurs in no other data than the recorded afferents; omit it")
@@ -401,14 +402,14 @@ def build_skin(data: Compression | Afferents | Measurements, options: ModelOptio
     return SkinModel(data, replace(options, discretisation=Discretisation()), posterior)
 
 
-def _recorded(data: Experiment | Measurements, options: ModelOptions) -> list[RecordedRates]:
+def recorded_terms(data: Experiment | Measurements, options: ModelOptions) -> list[RecordedRates]:
     """Return the likelihood of recorded afferents, if there are any.
 
     Raises
     ------
     InputError
-        If parameters are shared although nothing was recorded, a probe does not fit the finger, or the membrane cannot
-        fire as slowly as recorded afferents do.
+        If parameters are shared although nothing was recorded, a hollow is narrower than the finger, or the membrane
+        cannot fire as slowly as recorded afferents do.
     """
     if data.afferents is None:
         if options.shared:
@@ -418,7 +419,13 @@ def _recorded(data: Experiment | Measurements, options: ModelOptions) -> list[Re
         raise InputError(
             "afferents: the reading membrane=hodgkin-huxley cannot fire below 54 Hz, as recorded afferents do; omit it"
         )
-    rows = data.afferents
+    rows, closest = data.afferents, -1.0 / options.finger.radius
+    for row, curvature in zip(rows.rows, rows.curvature, strict=True):
+        if curvature <= closest:
+            raise InputError(
+                f"{rows.source}: row {row}, column {CURVATURE.name!r}: expected more than {closest:g}, got "
+                f"{curvature:g}: a narrower hollow does not touch the fingertip at one place"
+            )
     freed = tuple(name for name in declared.OPTIONAL_RECORDING if name in {*options.fix, *options.priors})
     touches = ProbedTouches(rows.loads, rows.curvature, rows.distance, options.finger, options.readings)
     return [RecordedRates(rows, touches, RecordingModel.of(rows, options.shared, freed))]

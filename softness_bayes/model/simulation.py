@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.base import ranges
 from softness_bayes.base.errors import InputError
-from softness_bayes.data import Afferents, Compression, Fabrics, Ratings
+from softness_bayes.data import Afferents, Compression, Fabrics, Measurements, Ratings
 from softness_bayes.data.fabrics import log_sd
 from softness_bayes.data.forms import PANEL, AggregatedCells
 from softness_bayes.likelihood import scales
@@ -20,8 +20,8 @@ from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, ErrorLaw
 from softness_bayes.likelihood.models import rating_model
 from softness_bayes.likelihood.plate import OF_FORCES, PLATE_PARAMETERS, CompressionForces
-from softness_bayes.model.recordings.likelihood import RecordedRates, RecordingModel
-from softness_bayes.model.recordings.response import ProbedTouches
+from softness_bayes.model.build import recorded_terms
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import scaled, scene_of, touch_parameters
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.touch.contact import Finger, Load, require_loads
@@ -417,8 +417,7 @@ def simulate_afferents(rng: np.random.Generator, design: Afferents, values: Mapp
     values
         The `RECORDING_PARAMETERS` that the table's model has, in natural units.
     """
-    touches = ProbedTouches(design.loads, design.curvature, design.distance)
-    term = RecordedRates(design, touches, RecordingModel.of(design))
+    (term,) = recorded_terms(Measurements(afferents=design), ModelOptions())
     at = Parameters(**{name: np.float64(values[name]) * EVERY_PARAMETER[name].si for name in term.model.needs})
     made = term.replicate(rng, term.rate(at), at, term.new_effects(rng, at, ()))
     return replace(term.with_values(made).data, source="simulated")

@@ -24,6 +24,7 @@ from softness_bayes.likelihood.contract import NO_RESPONSE, Parameters, Term
 from softness_bayes.likelihood.plate import FORCES, CompressionForces
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.model.recordings.likelihood import RecordedRates
+from softness_bayes.model.recordings.response import Afferent
 from softness_bayes.parameters.declared import EVERY_PARAMETER, PARAMETERS, PRIOR_SETS, RECORDED, SHAREABLE
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.results.draws import Groups, Part, Points, Variable, joined
@@ -156,11 +157,9 @@ def log_additive_sd(data: Afferents) -> float:
     """
     from scipy.optimize import least_squares  # imported here because it takes a quarter of a second
 
-    texts = np.array([str(load) for load in data.loads]), data.curvature, data.distance
-    columns = [np.ones(len(data))]
-    for values in texts:
-        columns += [(values == level).astype(float) for level in np.unique(values)[1:]]
-    design, observed = np.column_stack(columns), data.rate
+    touches = pd.DataFrame({"load": map(str, data.loads), "curvature": data.curvature, "distance": data.distance})
+    effects = pd.get_dummies(touches, columns=[*touches], drop_first=True, dtype=float)
+    design, observed = effects.assign(every=1.0).to_numpy(), data.rate
     if np.linalg.matrix_rank(design) >= len(data):
         return float("nan")
     start = np.linalg.lstsq(design, np.log(np.maximum(observed, NEAR_ZERO)), rcond=None)[0]
@@ -201,9 +200,6 @@ def _table(data: Afferents, expected: Array, again: Array) -> pd.DataFrame:
     return pd.DataFrame(columns, index=pd.Index(data.rows, name="row"))
 
 
-CHAIN = ("b", "m", "alpha", "beta", "rest", "sigma_0", "spread", "radius", "depth")
-"""Parameters of which sources may have a common value, without the suffix of recordings."""
-
 STARTS = 3
 """Prior draws from which a mode is sought, beside the prior's median."""
 
@@ -218,10 +214,10 @@ def agreements(density: Density) -> tuple[Agreement, ...]:
     modes = [(name, one.names, _mode(one)) for name, one in sources if len(sources) > 1]
     found = []
     for (first, one, here), (second, other, there) in combinations(modes, 2):
-        shared = [name for name in one if name in other and name.removesuffix("_rec") in CHAIN]
+        shared = [name for name in one if name in other and name.removesuffix("_rec") in Afferent._fields]
         if not shared:
             one, other = (tuple(name.removesuffix("_rec") for name in names) for names in (one, other))
-        if common := shared or [name for name in CHAIN if name in one and name in other]:
+        if common := shared or [name for name in Afferent._fields if name in one and name in other]:
             i, j = ([names.index(name) for name in common] for names in (one, other))
             apart = here.point[i] - there.point[j]
             spread = sum((mode.root @ mode.root.T)[np.ix_(k, k)] for mode, k in ((here, i), (there, j)))

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, logit
 
-from softness_bayes.base.errors import InputError
 from softness_bayes.touch.contact import Contact, Finger, Fingertips, Load, Loads, fingertips, solve_contact
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
@@ -19,6 +18,9 @@ from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT, RateCurve
 from softness_bayes.touch.probes import RIGID, Probe
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.stress import stress
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 Array = NDArray[np.float64]
 
@@ -68,11 +70,6 @@ class ProbedTouches:
         Probe curvature [1/m], and distance of the receptive field from the axis [m], both (rows,).
     finger, readings
         The finger, and the readings of the model. Channels have the paper's multipliers.
-
-    Raises
-    ------
-    InputError
-        If a hollow is narrower than the finger.
     """
 
     loads: Sequence[Load]
@@ -80,13 +77,6 @@ class ProbedTouches:
     distance: Array
     finger: Finger = Finger()
     readings: Readings = Readings()
-
-    def __post_init__(self) -> None:
-        if (narrow := self.curvature[self.curvature <= -1.0 / self.finger.radius]).size:
-            raise InputError(
-                f"probe: curvature {narrow[0]:g} /m, expected more than {-1.0 / self.finger.radius:g} /m: a narrower "
-                "hollow does not touch the fingertip at one place"
-            )
 
     def take(self, rows: NDArray[np.intp]) -> ProbedTouches:
         """Return the touches of some rows."""
@@ -123,35 +113,34 @@ class ProbedTouches:
         found, tips = self.contacts(at)
         if not any(np.any(value) for value in (at.spread, at.radius, at.depth)):
             return self._read(np.log(found.reduced_modulus))
-        spread = np.asarray(at.spread, float)[..., None]
+        spread = np.asarray(at.spread, float)[..., None] * np.ones_like(found.radius)
         node, weight = np.polynomial.hermite_e.hermegauss(BLUR_NODES if np.any(spread) else 1)
-        weight = weight / weight.sum()
-        total = np.zeros(())
-        for along, share in zip(node, weight, strict=True):
-            for across, part in zip(node, weight, strict=True):
-                if across >= 0:  # the other half mirrors this one
-                    rho = np.hypot(self.distance + spread * along, spread * across)
-                    total = total + share * part * (1 + (across > 0)) * self._integrated(rho, found, tips)
-        return np.asarray(total)
+        half = node >= 0.0  # across the line from the axis; the other half mirrors it
+        share = np.outer((weight * (1 + (node > 0.0)))[half], weight).ravel() / weight.sum() ** 2
+        along, across = (np.multiply.outer(place.ravel(), spread) for place in np.meshgrid(node, node[half]))
+        places = zip(share, np.hypot(self.distance + along, across), strict=True)
+        return np.asarray(sum(part * self._integrated(rho, found, tips) for part, rho in places))
 
     def _integrated(self, rho: ArrayLike, contact: Contact, tips: Fingertips) -> Array:
         readings = self.readings.pressure, self.readings.stress_kernel, self.readings.stress_component
         return stress(rho, contact.reduced_modulus, contact.radius, tips, *readings)
 
     @cached_property
-    def _table(self) -> Array:
-        """Stress [Pa] at the moduli of `KNOTS`, shape (knots, rows)."""
+    def _splines(self) -> list[tuple[NDArray[np.intp], CubicSpline]]:
+        """Rows of each contact, and their stress [Pa] through the moduli of `KNOTS`."""
+        from scipy.interpolate import CubicSpline  # imported here because it takes a third of a second
+
         modulus, tips = np.exp(KNOTS)[:, None], Probe(self.curvature).under(self.finger)
-        return self._integrated(self.distance, Loads(self.loads).contact(modulus, modulus, tips), tips)
+        felt = self._integrated(self.distance, Loads(self.loads).contact(modulus, modulus, tips), tips)
+        each = (np.flatnonzero(self._presses[2] == k) for k in np.unique(self._presses[2]))
+        return [(rows, CubicSpline(KNOTS, felt[:, rows])) for rows in each]
 
     def _read(self, log_modulus: Array) -> Array:
-        """Return the stress by Lagrange's cubics through the four nearest knots, shape (..., rows)."""
-        place = np.clip((log_modulus - KNOTS[0]) / (KNOTS[1] - KNOTS[0]), 1.0, KNOTS.size - 2.001)
-        first = place.astype(np.intp)
-        x, rows = place - first, np.arange(self.distance.size)
-        before, low, high, after = (self._table[first + k, rows] for k in (-1, 0, 1, 2))
-        outer = x * (x - 1.0) * ((x + 1.0) * after - (x - 2.0) * before) / 6.0
-        return outer + 0.5 * (x + 1.0) * (x - 2.0) * ((x - 1.0) * low - x * high)
+        """Return the stress at the moduli of each row, held beyond the knots, shape (..., rows)."""
+        place, found = np.clip(log_modulus, *KNOTS[[0, -1]]), np.empty(log_modulus.shape)
+        for rows, spline in self._splines:
+            found[..., rows] = spline(place[..., rows[0]])
+        return found
 
     def curve(self, alpha: ArrayLike) -> RateCurve:
         """Return the rate curve up to currents alpha."""

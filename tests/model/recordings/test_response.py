@@ -17,6 +17,7 @@ from softness_bayes.touch.neuron.rate import onset
 from softness_bayes.touch.probes import RIGID, WRAPPED, Probe
 from softness_bayes.touch.readings import CLASSICAL, MENDED
 from softness_bayes.touch.stress import stress
+from support.command_line import call, refused
 
 
 def touches_of(table, readings=MENDED):
@@ -61,9 +62,13 @@ def test_a_hollow_may_be_narrower_than_a_finger_whose_radius_is_sampled():
     assert_allclose(touches.contacts(skin)[1].radius[2:], 1.0 / WRAPPED)
 
 
-def test_a_hollow_narrower_than_the_finger_is_refused():
-    with pytest.raises(InputError, match="curvature -130 /m, expected more than -125 /m"):
-        ProbedTouches([Force(0.1)], np.array([-130.0]), np.zeros(1))
+def test_a_hollow_narrower_than_the_finger_is_refused_before_and_by_a_run(tmp_path):
+    table = tmp_path / "recorded.csv"
+    table.write_text("force_n,probe_curvature_per_m,distance_mm,rate_hz\n0.1,0,0,30\n0.1,-130,0,20\n")
+    told = "row 3, column 'probe_curvature_per_m': expected more than -125, got -130"
+    with pytest.raises(InputError, match=told):
+        build_skin(Afferents.read(table), ModelOptions())
+    refused(call("check", "--afferents", table), told)
 
 
 def test_tabulated_stress_is_that_of_the_integral():
