@@ -28,41 +28,37 @@ FEWEST = 3
 """Smallest number of fabrics whose order can be compared with an observed one."""
 
 
-class Places(NamedTuple):
-    """Places of some fabrics, 1 for the softest; fabrics with equal ratings share their places equally."""
+def places(rating: ArrayLike) -> tuple[Array, Array]:
+    """Return the places of fabrics, 1 for the softest, from draws of ratings, shape (draws, fabrics).
 
-    place: Array
-    """Place of each fabric in each draw, averaged over ties, shape (draws, fabrics)."""
-    probability: Array
-    """Probability of each place, shape (fabrics, places): all rows and all columns sum to 1."""
-
-
-def places(rating: ArrayLike) -> Places:
-    """Return the places of fabrics from draws of ratings, shape (draws, fabrics); the highest rating is first."""
+    Returns
+    -------
+    place, probability : ndarray
+        Place of each fabric in each draw, averaged over ties, (draws, fabrics); and the probability of each place,
+        (fabrics, places), where fabrics with equal ratings share their places equally: all rows and columns sum to 1.
+    """
     import pandas as pd
 
     rating = np.asarray(rating, float)
     first, last = (np.asarray(pd.DataFrame(-rating).rank(axis=1, method=method)) for method in ("min", "max"))
     share = 1.0 / (last - first + 1.0)
     held = (np.where((first <= k) & (k <= last), share, 0.0).mean(axis=0) for k in range(1, rating.shape[1] + 1))
-    return Places(0.5 * (first + last), np.stack([*held], axis=1))
+    return 0.5 * (first + last), np.stack([*held], axis=1)
 
 
-class Pairs(NamedTuple):
-    """Probabilities of the order of each two fabrics, each of shape (fabrics, fabrics)."""
+def pairs(rating: ArrayLike) -> tuple[Array, Array]:
+    """Return the probabilities of the order of each two fabrics from draws of their ratings, (draws, fabrics).
 
-    softer: Array
-    """That the fabric of the row has the higher rating than that of the column."""
-    tie: Array
-    """That both have the same."""
-
-
-def pairs(rating: ArrayLike) -> Pairs:
-    """Return the probabilities of the order of each two fabrics from draws of their ratings, (draws, fabrics)."""
+    Returns
+    -------
+    softer, tie : ndarray
+        Probability that the fabric of the row has a higher rating than that of the column, and of equal ones.
+    """
     rating = np.asarray(rating, float)
     rows = [rating[:, k, None] for k in range(rating.shape[1])]
-    softer = np.array([(one > rating).mean(axis=0) for one in rows])
-    return Pairs(softer, np.array([(one == rating).mean(axis=0) for one in rows]))
+    return np.array([(one > rating).mean(axis=0) for one in rows]), np.array(
+        [(one == rating).mean(axis=0) for one in rows]
+    )
 
 
 def ties(tie: Array, order: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -80,19 +76,6 @@ def ties(tie: Array, order: NDArray[np.intp]) -> NDArray[np.intp]:
     return found
 
 
-class RankAgreement(NamedTuple):
-    """Agreement of a predicted order with an observed one; 1 for the same order, -1 for the opposite one."""
-
-    value: float
-    """Median over the draws."""
-    low: float
-    """5 % limit over the draws, which reflects posterior uncertainty."""
-    high: float
-    """95 % limit."""
-    se: float
-    """Standard error of the value for other fabrics of this kind, by leaving out each in turn (jackknife)."""
-
-
 def rank_correlation(measure: str, one: Array, other: Array) -> float:
     """Return Spearman's correlation or Kendall's tau-b of two sets of ranks with ties; NaN if one is constant."""
     from scipy.stats import kendalltau, spearmanr
@@ -102,10 +85,17 @@ def rank_correlation(measure: str, one: Array, other: Array) -> float:
     return float((spearmanr if measure == "spearman" else kendalltau)(one, other).statistic)
 
 
-def agreement(place: Array, observed: ArrayLike) -> dict[str, RankAgreement]:
+def agreement(place: Array, observed: ArrayLike) -> dict[str, dict[str, float]]:
     """Return the agreement of places in draws, shape (draws, fabrics), with observed ranks, shape (fabrics,).
 
     Draws in which all fabrics tie are left out.
+
+    Returns
+    -------
+    dict of dict
+        By measure, 1 for the same order and -1 for the opposite one: the median over the draws (value), their 5 and
+        95 % limits, which reflect posterior uncertainty (low, high), and the standard error of the value for other
+        fabrics of this kind, by leaving out each in turn (se).
 
     Raises
     ------
@@ -123,8 +113,9 @@ def agreement(place: Array, observed: ArrayLike) -> dict[str, RankAgreement]:
         measure = partial(rank_correlation, name)
         each = np.array([measure(one, observed) for one in place])
         known = each[np.isfinite(each)]
-        value, low, high = np.quantile(known, [0.5, 0.05, 0.95]) if known.size else np.full(3, np.nan)
-        found[name] = RankAgreement(float(value), float(low), float(high), jackknife(measure, middle, observed))
+        ends = np.quantile(known, [0.5, 0.05, 0.95]) if known.size else np.full(3, np.nan)
+        found[name] = dict(zip(("value", "low", "high"), map(float, ends), strict=True))
+        found[name]["se"] = jackknife(measure, middle, observed)
     return found
 
 
@@ -191,7 +182,7 @@ def highest_rated(tree: xr.DataTree) -> tuple[HighestRated, ...]:
         here = np.flatnonzero(layout.load == load)
         if here.size < 2:
             continue
-        share = places(predicted[:, here]).probability[:, 0]
+        share = places(predicted[:, here])[1][:, 0]
         best = int(share.argmax())
         error = float(np.sqrt(share[best] * (1.0 - share[best]) / len(predicted)))
         name = str(fabrics[layout.design.fabric[here[best]]])

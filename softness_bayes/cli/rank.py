@@ -100,12 +100,12 @@ def _show(ranking: Ranking, most: int = 20) -> None:
     columns = ["order", "fabric", "e_fab_kpa", "people", "people_low", "people_high", "typical_rating"]
     columns += ["place_low", "place", "place_high", "tie", "p_silent"]
     first = "the softest first (the highest predicted rating)" if ranking.word == "softest" else "the highest first"
-    for one, (load, rows) in zip(ranking.loads, ranking.table.groupby("load", sort=False), strict=True):
+    for load, rows in ranking.table.groupby("load", sort=False):
         click.echo(f"{load}, {first}; people: their own mean, typical_rating: what the chain predicts")
         parts = [rows] if len(rows) <= most else [rows.head(most // 2), rows.tail(most // 2)]
         lines = [part[columns].to_string(index=False, float_format="{:.4g}".format, na_rep="–") for part in parts]
         click.echo("\n...\n".join(lines))
-        tied, silent = int((one.tie > 0).sum()), int((one.p_silent >= 0.5).sum())
+        tied, silent = int((rows["tie"] != "").sum()), int((rows["p_silent"] >= 0.5).sum())
         if tied:
             click.echo(
                 f"{some_of(tied, len(rows), 'fabric')} tied with others and share the mean of their places; "

@@ -14,7 +14,7 @@ from softness_bayes.base.errors import InputError
 from softness_bayes.base.readable import number
 from softness_bayes.checking.inflection import RANGE_FACTOR
 from softness_bayes.data import Fabrics
-from softness_bayes.data.columns import EFFECTIVE_MODULUS, POISSON_RATIO, TENSILE_MODULUS, THICKNESS, Column
+from softness_bayes.data.columns import POISSON_RATIO, TENSILE_MODULUS, THICKNESS, Column
 from softness_bayes.model.prediction import OtherTouches
 from softness_bayes.parameters.declared import KPA
 from softness_bayes.results.fitted import Fitted
@@ -72,93 +72,26 @@ class Cloth(NamedTuple):
         return None
 
 
-class Solutions(NamedTuple):
-    """The moduli with a given rating under one load, for each draw."""
-
-    load: Load
-    modulus: Mapping[tuple[bool, int], Array]
-    """E_fab [Pa] of each solution, shape (draws,), NaN for draws without it. The key gives the direction of the rating
-    with E_fab, and the index of the solution among those of that direction, from the softest on."""
-    least: Array
-    """Smallest rating over the range of moduli, shape (draws,)."""
-    largest: Array
-    """Largest one."""
-    remarks: Mapping[tuple[bool, int], str]
-    """Reasons, as for predictions, at the median modulus of each solution."""
-
-    @property
-    def reachable(self) -> NDArray[np.bool_]:
-        """True for draws with a solution, shape (draws,)."""
-        none = np.zeros(self.least.size, bool)
-        return np.any([none, *(np.isfinite(found) for found in self.modulus.values())], axis=0)
-
-
 @dataclass(frozen=True)
 class Target:
     """Fabrics with a desired rating.
 
     Parameters
     ----------
-    rating
-        Desired rating of the typical rater [as in the file].
+    table
+        A row per load and solution, the softest first; also loads without solutions (docs/files.md 11).
+    moduli
+        E_fab [Pa] of the solutions under each load, as `solutions` returns them.
     span
         Range of moduli that was searched [Pa].
-    rated
-        Range of rated moduli [Pa].
-    cloth, poisson_ratio, reading
-        Given properties of the fabric, its Poisson ratio, and the reading of the rigidity.
-    loads
-        The solutions under each load.
+    poisson_ratio
+        Poisson ratio of the fabric.
     """
 
-    rating: float
+    table: pd.DataFrame
+    moduli: Mapping[Load, Mapping[tuple[bool, int], Array]]
     span: tuple[float, float]
-    rated: tuple[float, float]
-    cloth: Cloth
     poisson_ratio: float
-    reading: FabricModulus
-    loads: tuple[Solutions, ...]
-
-    @property
-    def table(self) -> pd.DataFrame:
-        """A row per load and solution, the softest first; also loads without solutions (docs/files.md 11)."""
-        import pandas as pd
-
-        return pd.DataFrame([row for one in self.loads for row in self._rows(one)])
-
-    def _rows(self, one: Solutions) -> list[dict[str, object]]:
-        wished, size = self.rating, one.least.size
-        shared = {
-            "load": str(one.load),
-            "rating": wished,
-            "p_reachable": float(one.reachable.mean()),
-            "p_too_high": float((one.largest < wished).mean()),
-            "p_too_low": float((one.least > wished).mean()),
-            "least_rating": float(np.median(one.least)),
-            "largest_rating": float(np.median(one.largest)),
-        }
-        found = {key: values[np.isfinite(values)] for key, values in one.modulus.items()}
-        rows: list[dict[str, object]] = []
-        for key in sorted(found, key=lambda key: float(np.median(found[key]))):
-            values = found[key]
-            inside = float(((values >= self.rated[0]) & (values <= self.rated[1])).mean())
-            row = {"with_modulus": BRANCHES[key[0]], "p_solution": values.size / size, "p_inside": inside}
-            rows.append({**shared, **row, **self._quantities(values), "remarks": one.remarks[key]})
-        if not rows:
-            words = f"no modulus from {number(self.span[0] / KPA)} to {number(self.span[1] / KPA)} kPa has this rating"
-            row = {"with_modulus": "", "p_solution": 0.0, "p_inside": np.nan}
-            rows.append({**shared, **row, **self._quantities(np.array([np.nan])), "remarks": words})
-        return rows
-
-    def _quantities(self, modulus: Array) -> dict[str, float]:
-        """Return the limits of E_fab, and of the other requested property, in the units of their columns."""
-        sought = self.cloth.sought(modulus, self.poisson_ratio, self.reading)
-        columns = [(EFFECTIVE_MODULUS, modulus), *([] if sought is None else [sought])]
-        return {
-            f"{'e_fab_kpa' if column is EFFECTIVE_MODULUS else column.name}{end}": float(at[0]) / column.factor
-            for column, values in columns
-            for end, at in limits(values[:, None]).items()
-        }
 
 
 def target(
@@ -190,6 +123,8 @@ def target(
     InputError
         If the rating is not on the scale of the run, or a property of the fabric is out of range.
     """
+    import pandas as pd
+
     cloth.require()
     with np.errstate(invalid="ignore", divide="ignore"):
         wished = float(result.scale.additive(np.array(rating, float)))
@@ -204,15 +139,44 @@ def target(
     scene = fitted.scene(Fabrics(names, effective_modulus=grid, poisson_ratio=np.full(POINTS, nu)), loads)
     found = OtherTouches(fitted.posterior, scene, None, result.scale).ratings(np.random.default_rng(seed), fitted.theta)
     why = reasons(fitted, scene, found.rate)
-    solved = []
+    none = {None: np.array([np.nan])}
+    beyond = f"no modulus from {number(span[0] / KPA)} to {number(span[1] / KPA)} kPa has this rating"
+    every: dict[Load, Mapping[tuple[bool, int], Array]] = {}
+    rows: list[dict[str, object]] = []
     for k, load in enumerate(loads):
         here = np.flatnonzero(scene.load == k)
         curve = found.typical[:, here]
-        moduli = solutions(np.log(grid), result.scale.additive(curve) - wished)
-        near = {key: int(np.abs(np.log(grid / np.nanmedian(values))).argmin()) for key, values in moduli.items()}
-        remarks = {key: str(why["remarks"][here[at]]) for key, at in near.items()}
-        solved.append(Solutions(load, moduli, curve.min(axis=1), curve.max(axis=1), remarks))
-    return Target(rating, span, rated, cloth, nu, result.readings.fabric_modulus, tuple(solved))
+        least, largest = curve.min(axis=1), curve.max(axis=1)
+        moduli = every[load] = solutions(np.log(grid), result.scale.additive(curve) - wished)
+        solved = {key: values[np.isfinite(values)] for key, values in moduli.items()}
+        reached = np.any([np.zeros(len(curve), bool), *map(np.isfinite, moduli.values())], axis=0)
+        shared = {
+            "load": str(load),
+            "rating": rating,
+            "p_reachable": float(reached.mean()),
+            "p_too_high": float((largest < rating).mean()),
+            "p_too_low": float((least > rating).mean()),
+            "least_rating": float(np.median(least)),
+            "largest_rating": float(np.median(largest)),
+        }
+        for key, values in sorted((solved or none).items(), key=lambda one: float(np.median(one[1]))):
+            row = {"with_modulus": "", "p_solution": 0.0, "p_inside": np.nan}
+            if key is not None:
+                inside = float(((values >= rated[0]) & (values <= rated[1])).mean())
+                row = {"with_modulus": BRANCHES[key[0]], "p_solution": values.size / len(curve), "p_inside": inside}
+            near = int(np.abs(np.log(grid / np.median(values))).argmin())
+            remark = beyond if key is None else str(why["remarks"][here[near]])
+            sought = cloth.sought(values, nu, result.readings.fabric_modulus)
+            columns = {"e_fab_kpa": values / KPA}
+            if sought is not None:
+                columns[sought[0].name] = sought[1] / sought[0].factor
+            ends = {
+                f"{name}{end}": float(at[0])
+                for name, one in columns.items()
+                for end, at in limits(one[:, None]).items()
+            }
+            rows.append({**shared, **row, **ends, "remarks": remark})
+    return Target(pd.DataFrame(rows), every, span, nu)
 
 
 def solutions(log_modulus: Array, beyond: Array) -> dict[tuple[bool, int], Array]:

@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 from softness_bayes.base.errors import InputError
 from softness_bayes.data import Fabrics
 from softness_bayes.data.lists import read_order
-from softness_bayes.people.verdicts import REASONS
 from softness_bayes.report.conclusion import conclude, facts_of
+from softness_bayes.results.ranking import REASONS
 from softness_bayes.results.rating_table import cautions
 from softness_bayes.runs.run import sample
 from support.command_line import call, refused
@@ -74,9 +74,9 @@ def test_fabrics_of_one_response_tie(ranking):
 
 def test_probabilities_are_shares_of_draws_counted_one_by_one(ranking):
     """Each draw's ratings sorted and compared by hand; ratings that differ by rounding alone are equal."""
-    for one in ranking.loads:
-        draws = [[float(f"{rating:.9g}") for rating in draw] for draw in one.typical.tolist()]
-        table = ranking.pair_table.set_index("load").loc[str(one.load)]
+    for load, typical in ranking.typical.items():
+        draws = [[float(f"{rating:.9g}") for rating in draw] for draw in typical.tolist()]
+        table = ranking.pair_table.set_index("load").loc[str(load)]
         for row in table.itertuples():
             first, second = NEW.names.index(row.fabric), NEW.names.index(row.other)
             counted = [sum(sign * (draw[first] - draw[second]) > 0 for draw in draws) for sign in (1, -1)]
@@ -86,9 +86,9 @@ def test_probabilities_are_shares_of_draws_counted_one_by_one(ranking):
             order = sorted(draw, reverse=True)
             for name, rating in zip(NEW.names, draw, strict=True):
                 places[name] += order.index(rating) + 1 + (order.count(rating) - 1) / 2
-        told = ranking.table[ranking.table["load"] == str(one.load)].set_index("fabric")["place"]
+        told = ranking.table[ranking.table["load"] == str(load)].set_index("fabric")["place"]
         assert_allclose(told[[*NEW.names]], np.array([*places.values()]) / len(draws))
-        rows = ranking.table[ranking.table["load"] == str(one.load)]
+        rows = ranking.table[ranking.table["load"] == str(load)]
         following = table.set_index(["fabric", "other"])["p_softer"]
         said = [following[pair] for pair in zip(rows["fabric"][:-1], rows["fabric"][1:], strict=True)]
         assert_allclose(rows["p_softer_than_next"][:-1], said)
@@ -104,8 +104,8 @@ def test_too_many_fabrics_are_refused(result):
 
 
 def test_agreement_is_that_of_the_fabrics_in_both(ranking):
-    order = ranking.loads[0].order
-    observed = {NEW.names[k]: float(at) for at, k in enumerate(order)} | {"another": 99.0}
+    order = ranking.table["fabric"][: len(NEW)]
+    observed = {name: float(at) for at, name in enumerate(order)} | {"another": 99.0}
     found = ranking.against(observed)
     assert found["measure"].tolist() == ["spearman", "kendall"] * 2
     assert (found["fabrics"] == 6).all()
@@ -119,16 +119,18 @@ def test_agreement_is_that_of_the_fabrics_in_both(ranking):
 
 def test_the_figure_shows_places_ratings_ties_and_silence(ranking):
     figure = ranking.figure()
-    one = ranking.loads[0]
+    rows = ranking.table.iloc[:6]
     cells = artist(figure, "places/2 mm")
-    assert_allclose(np.asarray(cells.get_array()), np.sqrt(one.places.probability[one.order]))
+    probability = np.zeros((6, 6))
+    for row in ranking.place_table[ranking.place_table["load"] == "2 mm"].itertuples():
+        probability[rows["fabric"].tolist().index(row.fabric), row.place - 1] = row.probability
+    assert_allclose(np.asarray(cells.get_array()), np.sqrt(probability))
     names = [label.get_text() for label in cells.axes.get_yticklabels()]
-    assert names == [NEW.names[k] for k in one.order]
+    assert names == rows["fabric"].tolist()
     frames = [found for found in figure.findobj() if (found.get_gid() or "").startswith("ties/2 mm")]
     assert len(frames) == 2
-    assert sorted(frame.get_width() for frame in frames) == sorted(np.unique(one.tie, return_counts=True)[1][1:])
+    assert sorted(frame.get_width() for frame in frames) == sorted(rows["tie"][rows["tie"] != ""].value_counts())
     quiet = artist(figure, "silent/2 mm")
-    rows = ranking.table.iloc[:6]
     assert_allclose(quiet.get_xdata(), rows.loc[rows["p_silent"] >= 0.5, "typical_rating"])
     heard = artist(figure, "rating/2 mm")
     assert_allclose(heard.get_xdata(), rows.loc[rows["p_silent"] < 0.5, "typical_rating"])

@@ -59,17 +59,17 @@ def test_further_crossings_are_numbered_from_the_softest_on():
 def test_solutions_have_the_wished_rating_draw_by_draw(result, wished, found):
     with quickly():
         fitted = Fitted(result, 80)
-        for one in found.loads:
-            assert one.modulus, one.load
-            for key, modulus in one.modulus.items():
+        for load, moduli in found.moduli.items():
+            assert moduli, load
+            for key, modulus in moduli.items():
                 known = np.isfinite(modulus)
                 asked = np.where(known, modulus, np.nanmedian(modulus))[:, None]
                 cloth = Fabrics(("wished",), effective_modulus=np.median(asked), poisson_ratio=found.poisson_ratio)
-                scene = fitted.scene(cloth, (one.load,))
+                scene = fitted.scene(cloth, (load,))
                 again = OtherTouches(fitted.posterior, scene, None)
                 # the same generator draws the same effects
                 rating = again.ratings(np.random.default_rng(0), fitted.theta, modulus=asked).typical[:, 0]
-                assert_allclose(rating[known], wished, rtol=5e-3, err_msg=str((one.load, key)))
+                assert_allclose(rating[known], wished, rtol=5e-3, err_msg=str((load, key)))
 
 
 def test_a_grid_of_fabrics_finds_the_same_solutions(result, wished, found):
@@ -78,18 +78,18 @@ def test_a_grid_of_fabrics_finds_the_same_solutions(result, wished, found):
         fitted = Fitted(result, 80)
         modulus = np.geomspace(*found.span, 701)
         cloth = Fabrics(tuple(map(str, modulus)), effective_modulus=modulus, poisson_ratio=found.poisson_ratio)
-        for one in found.loads:
-            touches = OtherTouches(fitted.posterior, fitted.scene(cloth, (one.load,)), None)
+        for load, moduli in found.moduli.items():
+            touches = OtherTouches(fitted.posterior, fitted.scene(cloth, (load,)), None)
             rating = touches.ratings(np.random.default_rng(0), fitted.theta).typical
             crossed = np.diff(np.sign(rating - wished), axis=1)
             for rises, sign in ((True, 1), (False, -1)):
                 there = [modulus[np.flatnonzero(row * sign > 0)] for row in crossed]
-                told = np.array([values for (way, _), values in one.modulus.items() if way is rises])
+                told = np.array([values for (way, _), values in moduli.items() if way is rises])
                 for draw, places in enumerate(there):
                     mine = np.sort(told[:, draw][np.isfinite(told[:, draw])]) if told.size else np.empty(0)
                     assert_allclose(np.log(mine), np.log(places), atol=2 * np.log(modulus[1] / modulus[0]))
         # the response turns over: some draws have two
-        assert any({True, False} <= {way for way, _ in one.modulus} for one in found.loads)
+        assert any({True, False} <= {way for way, _ in moduli} for moduli in found.moduli.values())
 
 
 def test_probabilities_of_the_three_cases_sum_to_one(result, wished, found):
@@ -127,7 +127,7 @@ def test_thickness_and_tensile_modulus_make_the_modulus(reading):
 def test_the_table_has_what_is_asked_for(result, wished, found):
     with quickly():
         thick = result.target(wished, tensile_modulus=4e6, poisson_ratio=0.1, draws=80)
-    drawn = [values[np.isfinite(values)] for one in thick.loads for values in one.modulus.values()]
+    drawn = [values[np.isfinite(values)] for moduli in thick.moduli.values() for values in moduli.values()]
     thickness = np.sort([np.median(np.cbrt(12 * (1 - 0.1) * values * 1e-9 / 4e6)) for values in drawn]) * 1e3
     assert_allclose(np.sort(thick.table["thickness_mm"]), thickness, rtol=1e-9)
     assert thick.poisson_ratio == 0.1
