@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -36,8 +36,15 @@ TURNING_POINTS = 41
 PERCENTS = (0.05, 0.5, 0.95)
 """Lower limit, median and upper limit of turning points in tables."""
 
-PLACES = {"e_fab_kpa": ("modulus", 1e-3), "ratio": ("ratio", 1.0), "force_n": ("force", 1.0), "drop": ("drop", 1.0)}
-"""Field of `Inflection`, and conversion factor to the unit of the column, by column."""
+STORED: Mapping[str, tuple[str, float | None, str]] = {
+    "outcome": ("inflection_outcome", None, ""),
+    "modulus": ("inflection_e_fab_kpa", 1e3, "kPa"),
+    "ratio": ("inflection_ratio", 1.0, ""),
+    "force": ("inflection_force_n", 1.0, "N"),
+    "drop": ("inflection_drop", 1.0, ""),
+    "inside": ("inflection_inside", None, ""),
+}
+"""Variable of a result, its unit in SI (None for codes), and its unit in words, by field of `Inflection`."""
 
 _PIECE = 500  # draws whose curves are kept in memory at once
 
@@ -236,8 +243,12 @@ def turning_table(
         if prior is not None:
             before = share(prior.outcome[..., k].reshape(1, 1, -1) == CurveShape.INTERIOR)
         found |= {"prior_p_interior": before, "p_inside": share(_walks(draws.inside[..., k], ensembles))}
-        for name, (field, factor) in PLACES.items():
-            walks = factor * _walks(getattr(draws, field)[..., k], ensembles)
+        for field in ("modulus", "ratio", "force", "drop"):
+            variable, factor, _ = STORED[field]
+            name, walks = (
+                variable.removeprefix("inflection_"),
+                _walks(getattr(draws, field)[..., k] / (factor or 1.0), ensembles),
+            )
             columns = zip((f"{name}_low", name, f"{name}_high"), PERCENTS, strict=True)
             found |= {column: quantile(walks, probability) for column, probability in columns}
         errors = {f"{name}_mcse": one.error for name, one in found.items()}

@@ -92,16 +92,7 @@ def scores(
     return np.stack(found, axis=-1)
 
 
-class Shift(NamedTuple):
-    """Shift of a posterior mean by independent relative errors of all moduli, to first order."""
-
-    sd: float
-    """Standard deviation of the shift, in posterior standard deviations of the quantity and per unit error."""
-    mcse: float
-    """Monte-Carlo standard error of that."""
-
-
-def posterior_shift(quantity: Array, score: Array, share: float = 1.0) -> Shift:
+def posterior_shift(quantity: Array, score: Array, share: float = 1.0) -> tuple[float, float]:
     """Return the shift of the posterior mean of a quantity due to errors of the moduli.
 
     d E[q] / d log E_f = Cov(q, d log L / d log E_f) over the posterior. The Monte-Carlo noise of the squared
@@ -113,10 +104,16 @@ def posterior_shift(quantity: Array, score: Array, share: float = 1.0) -> Shift:
         Draws in order of the chains, shape (draws,); draws with NaN are left out.
     score, share
         From `scores` and `directions`.
+
+    Returns
+    -------
+    sd, mcse : float
+        Standard deviation of the shift by independent relative errors of all moduli, to first order, in posterior
+        standard deviations of the quantity and per unit error; and its Monte-Carlo standard error.
     """
     known = np.isfinite(quantity)
     if known.sum() < 2 or not quantity[known].std() > 0:
-        return Shift(np.nan, np.nan)
+        return np.nan, np.nan
     q, s = quantity[known], score[known]
 
     def covariance(kept: NDArray[np.bool_]) -> Array:
@@ -127,16 +124,16 @@ def posterior_shift(quantity: Array, score: Array, share: float = 1.0) -> Shift:
     each = covariance(np.ones(q.size, dtype=bool))
     error = jackknife(covariance, q.size)
     if not np.isfinite(error).all():
-        return Shift(np.nan, np.nan)
+        return np.nan, np.nan
     squared = share * ((each**2).sum() - (error**2).sum())
     # delta method, plus the variance of squared noise
     noise = share * np.sqrt((4.0 * each**2 * error**2 + 2.0 * error**4).sum())
     sd = float(np.sqrt(max(squared, 0.0)))
-    return Shift(sd, float(noise / (2.0 * sd)) if sd > 0 else float(np.sqrt(noise)))
+    return sd, float(noise / (2.0 * sd)) if sd > 0 else float(np.sqrt(noise))
 
 
-def shift_table(shifts: Mapping[str, Shift]) -> pd.DataFrame:
-    """Return the effect of errors of the moduli on quantities by name.
+def shift_table(shifts: Mapping[str, tuple[float, float]]) -> pd.DataFrame:
+    """Return the effect of errors of the moduli on quantities by name, from their `posterior_shift`.
 
     Returns
     -------
@@ -147,8 +144,8 @@ def shift_table(shifts: Mapping[str, Shift]) -> pd.DataFrame:
     """
     import pandas as pd
 
-    rows = {name: {"shift_10": ERROR * one.sd, "shift_10_mcse": ERROR * one.mcse} for name, one in shifts.items()}
-    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("quantity")
+    columns = ["shift_10", "shift_10_mcse"]
+    return ERROR * pd.DataFrame.from_dict(shifts, orient="index", columns=columns).rename_axis("quantity")
 
 
 def clear_shifts(table: pd.DataFrame) -> pd.DataFrame:

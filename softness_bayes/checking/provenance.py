@@ -7,11 +7,10 @@ whose fields are attributes; families of attributes such as ``reading_pressure``
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields, replace
 from importlib.metadata import version
-from types import MappingProxyType
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar, get_origin, get_type_hints
 
 import numpy as np
 from scipy.special import chdtrc
@@ -219,6 +218,13 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class Findings:
+    """Findings of all checks of residuals."""
+
+    findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True)
 class Silence:
     """Shares of draws without firing, and of contacts outside the range of Hertz's theory."""
 
@@ -294,12 +300,12 @@ class _Part(Generic[Section]):
         self._section = section
 
     def __get__(self, provenance: Provenance, owner: type[Provenance]) -> Section:
-        values: dict[str, Any] = {}
+        values, kinds = dict[str, Any](), get_type_hints(self._section)
         for each in fields(self._section):  # type: ignore[arg-type]
             if each.default is MISSING or each.name in provenance.attributes:
                 found = provenance.attributes[each.name]
                 try:
-                    values[each.name] = _CODECS[str(each.type)].read(found)
+                    values[each.name] = _restored(kinds[each.name], found)
                 except (KeyError, TypeError, ValueError) as error:
                     raise InputError(f"result: attribute {each.name!r} cannot be {found!r:.60} ({error})") from None
         return self._section(**values)
@@ -321,6 +327,7 @@ class Provenance:
 
     asked, ending, direction = _Part(Asked), _Part(Ending), _Part(DirectionTaken)
     rating_data, errors, silence = _Part(RatingData), _Part(NumericalErrors), _Part(Silence)
+    _found = _Part(Findings)
     plate, recorded, _rating_model = _Part(PlateData), _Part(RecordedData), _Part(RatingSettings)
     """Of runs that use compression data, or recorded afferents."""
 
@@ -357,8 +364,7 @@ class Provenance:
     @property
     def findings(self) -> dict[str, Finding]:
         """Findings of the checks of residuals, by quantity."""
-        every = from_json(tuple[Finding, ...], parse_json(str(self.attributes.get("findings", "[]"))))
-        return {one.quantity: one for one in every}
+        return {one.quantity: one for one in self._found.findings}
 
     @property
     def least_drop(self) -> float:
@@ -381,18 +387,10 @@ class Provenance:
         return {name.removeprefix(begin): str(value) for name, value in found.items() if name.startswith(begin)}
 
 
-def is_first_look(attributes: Mapping[Any, Any]) -> bool:
-    """Return whether the attributes are those of a first look (`Ending.quick`)."""
-    return bool(attributes.get("quick", False))
-
-
 def attributes_of(*sections: Any) -> dict[str, Any]:
     """Return the attributes that hold sections of a provenance, as `Provenance` reads them."""
-    return {
-        each.name: _CODECS[str(each.type)].write(getattr(section, each.name))
-        for section in sections
-        for each in fields(section)
-    }
+    found = {each.name: getattr(section, each.name) for section in sections for each in fields(section)}
+    return {name: _stored(value, name) for name, value in found.items()}
 
 
 def family_of(begin: str, values: Mapping[str, Any]) -> dict[str, str]:
@@ -407,38 +405,32 @@ def versions() -> dict[str, str]:
     return family_of(VERSION, {"python": platform.python_version(), **found})
 
 
-class _Codec(NamedTuple):
-    """Conversion between a value and its attribute."""
+def _stored(value: Any, name: str) -> Any:
+    """Return a value as an attribute: a number or a text, which is JSON if the value has parts."""
+    if value is None:
+        return NOT_ASKED
+    if isinstance(value, int) and not isinstance(value, bool) and value > LARGEST_EXACT:
+        return str(value)
+    if isinstance(value, (bool, int, float)):
+        return float(value)  # not an integer, which ArviZ 0.23 cannot write as JSON
+    if isinstance(value, Scale):
+        return name_of_scale(value)
+    if isinstance(value, (str, RatingDirection)):
+        return value if isinstance(value, str) else value.name
+    return as_json(to_json(value), f"{name} of the run")
 
-    read: Callable[[Any], Any]
-    write: Callable[[Any], Any]
+
+def _restored(kind: Any, stored: Any) -> Any:
+    """Return the value of an attribute from `_stored`, given its type."""
+    if kind in _NAMED:
+        return _NAMED[kind](str(stored))
+    if kind == float | None:
+        return None if stored == NOT_ASKED else float(stored)
+    if isinstance(kind, type):
+        return kind(stored)
+    values = parse_json(str(stored))
+    return from_json(kind, values) if get_origin(kind) is tuple else values
 
 
-def findings_attribute(findings: Iterable[Finding]) -> dict[str, str]:
-    """Return findings as an attribute."""
-    return {"findings": as_json(to_json(tuple(findings)), "findings of the run")}
-
-
-_CODECS: Mapping[str, _Codec] = MappingProxyType(
-    {
-        "str": _Codec(str, str),
-        # not as an integer, which ArviZ 0.23 cannot write as JSON
-        "int": _Codec(int, lambda value: float(value) if value <= LARGEST_EXACT else str(value)),
-        "float": _Codec(float, float),
-        "bool": _Codec(bool, float),
-        "float | None": _Codec(
-            lambda value: None if value == NOT_ASKED else float(value),
-            lambda value: NOT_ASKED if value is None else float(value),
-        ),
-        "Mapping[str, Any]": _Codec(
-            lambda value: parse_json(str(value)), lambda value: as_json(value, "options of the run")
-        ),
-        "tuple[Agreement, ...]": _Codec(
-            lambda value: from_json(tuple[Agreement, ...], parse_json(str(value))),
-            lambda value: as_json(to_json(value), "agreements of the sources"),
-        ),
-        "RatingDirection": _Codec(lambda value: direction_named(str(value)), lambda value: value.name),
-        "Scale": _Codec(lambda value: scale_named(str(value)), name_of_scale),
-    }
-)
-"""Codecs by type of field."""
+_NAMED = {RatingDirection: direction_named, Scale: scale_named}
+"""Functions that read values which are stored by their name, by type."""

@@ -15,6 +15,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.special import bdtr, ndtr, ndtri
 
 from softness_bayes.base.readable import counted, number, percent
+from softness_bayes.checking.layout import values_in
+from softness_bayes.checking.provenance import Provenance
 from softness_bayes.data.ratings import Ratings
 from softness_bayes.likelihood.lists import references
 from softness_bayes.people.answers import told_pairs
@@ -22,6 +24,7 @@ from softness_bayes.people.free_means import groups_of_loads
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
 Array = NDArray[np.float64]
 
@@ -84,6 +87,23 @@ def psychometric_table(
                 row |= dict(zip((f"{one}_low", one, f"{one}_high"), np.quantile(draws, (0.05, 0.5, 0.95)), strict=True))
             rows.append(row)
     return pd.DataFrame(rows)
+
+
+def threshold_table(ratings: Ratings, tree: xr.DataTree) -> pd.DataFrame:
+    """Return psychometric quantities of each reference (`psychometric_table`), of people's answers and of the chain's.
+
+    Those of the chain are of the same pairs with the probabilities that it predicts; the column `answers` tells which.
+    """
+    import pandas as pd
+
+    modulus = values_in(tree, "constant_data", "effective_modulus_kpa").astype(float)
+    density = values_in(tree, "log_likelihood", "rating")[0][:, told_pairs(ratings)[:, 0]]
+    chance = np.exp(density.astype(float)).mean(axis=0)
+    guess = Provenance(tree.attrs).asked.options.get("guess")
+    known = None if isinstance(guess, str) else guess
+    parts = {"people": None, "chain": chance}
+    found = [psychometric_table(ratings, modulus, won, known).assign(answers=name) for name, won in parts.items()]
+    return pd.concat(found, ignore_index=True)
 
 
 def threshold_sentences(table: pd.DataFrame, level: float = LEVEL) -> list[str]:

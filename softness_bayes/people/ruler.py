@@ -11,14 +11,20 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.checking.agreement import predicted_ratings
 from softness_bayes.checking.identifiability import prior_moments
 from softness_bayes.checking.individual import modulus_laws
+from softness_bayes.checking.layout import layout_of, values_in
 from softness_bayes.checking.provenance import DirectionTaken, Provenance
-from softness_bayes.people.free_means import FreeMeans
+from softness_bayes.data.ratings import Ratings
+from softness_bayes.likelihood.scales import PAIRS, RANKS, Scale
+from softness_bayes.people.answers import left_out_of_draws, told_pairs
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+
+    from softness_bayes.people.free_means import FreeMeans
 
 Array = NDArray[np.float64]
 
@@ -107,13 +113,29 @@ def fit_of(tree: xr.DataTree, table: pd.DataFrame | None) -> Fit:
 
 
 def following(table: pd.DataFrame) -> Following:
-    """Return whether a chain follows the ratings, from the table of its ruler (`of_run.people_tables`)."""
+    """Return whether a chain follows the ratings, from the table of its ruler (`ruler`)."""
     share, low, high = table.loc["share", ["value", "low", "high"]].to_numpy(float)
     if not np.isfinite(share):
         return UNKNOWN
     if table["low"]["lost"] > 0:
         return Following(False, bool(high < KEPT))
     return Following(True if 0.5 * (high - low) <= TOLD else None, False)
+
+
+def ruler_of_run(free: FreeMeans, ratings: Ratings, scale: Scale, tree: xr.DataTree) -> pd.DataFrame:
+    """Return the `ruler` of a run from people's own means of its ratings, and the groups of its result."""
+    if scale == RANKS:
+        density = values_in(tree, "log_likelihood_participant", "ratings_of_participant")[0]
+        density = density[:, np.unique(ratings.participant)]
+    else:
+        density = values_in(tree, "log_likelihood", "rating")[0]
+    if scale == PAIRS:
+        density = density[:, told_pairs(ratings)[:, 0]]
+    layout = layout_of(tree)
+    predicted = predicted_ratings(tree, layout).mean(axis=0)
+    at = dict(zip(zip(layout.design.fabric, layout.load, strict=True), predicted, strict=True))
+    ours = np.array([at[pair] for pair in zip(free.fabric, free.load, strict=True)])
+    return ruler(free, left_out_of_draws(density.astype(float)), ours)
 
 
 def ruler(free: FreeMeans, chain: Array, predicted: Array) -> pd.DataFrame:
@@ -140,8 +162,8 @@ def ruler(free: FreeMeans, chain: Array, predicted: Array) -> pd.DataFrame:
     import pandas as pd
 
     each = free.log_density - free.log_density_alike
-    over = _by_cluster(each, free.cluster)
-    kept = _by_cluster(chain - free.log_density_alike, free.cluster)
+    groups = np.unique(free.cluster, return_inverse=True)[1]
+    over, kept = (np.bincount(groups, values) for values in (each, chain - free.log_density_alike))
     gain, lost = over.sum(), (over - kept).sum()
     share = kept.sum() / gain if gain > SEEN * _error(each) else np.nan
     logs = free.scale.axis == "log"
@@ -158,11 +180,6 @@ def ruler(free: FreeMeans, chain: Array, predicted: Array) -> pd.DataFrame:
     value = pd.Series({"share": share, "gain": gain, "lost": lost, "misfit": np.sqrt(max(excess, 0.0))})
     half = NORMAL_90 * pd.Series(error)
     return pd.DataFrame({"value": value, "low": value - half, "high": value + half}).rename_axis("quantity")
-
-
-def _by_cluster(values: Array, cluster: NDArray[np.intp]) -> Array:
-    groups = np.unique(cluster, return_inverse=True)[1]
-    return np.bincount(groups, values).astype(float)
 
 
 def _error(sums: Array) -> float:

@@ -27,7 +27,7 @@ from softness_bayes.model.recordings.likelihood import RecordedRates
 from softness_bayes.model.recordings.response import Afferent
 from softness_bayes.parameters.declared import EVERY_PARAMETER, PARAMETERS, PRIOR_SETS, RECORDED, SHAREABLE
 from softness_bayes.parameters.space import ParameterSpace
-from softness_bayes.results.draws import Groups, Part, Points, Variable, joined
+from softness_bayes.results.draws import Groups, Part, Variable, joined
 from softness_bayes.sampler.starts import Optimum, climb
 from softness_bayes.touch.contact import SkinDisplacement, plate_force
 from softness_bayes.touch.parameters import TouchParameters
@@ -39,6 +39,8 @@ POINTS = 60
 
 PRESSED, RECORDED_ROW = ("force_row",), ("recorded_row",)
 """Axes of variables with one value per plate force, and per recorded response."""
+
+Points = tuple[Array, Array, Array, Array]
 
 NEAR_ZERO = 1.0
 """Rate [Hz] at which logs of observed rates are cut off, where the fit of the table of effects starts."""
@@ -54,7 +56,8 @@ def other_data(rng: np.random.Generator, data: Experiment | Measurements, densit
     data, density
         The data, and the density that was sampled.
     points
-        Draws of the posterior and of the prior.
+        Points theta: all draws of the posterior (chains, draws, dimension), those with replicated data, as many of the
+        prior, and draws of the posterior with stored curves, each (draws, dimension).
     """
     recorded, parts = density.term(RECORDED), []
     if data.compression is not None and density.compression is not None:
@@ -70,7 +73,7 @@ def _plate(
     every, few, prior, curves = (_parameters(density, term, theta) for theta in points)
     fingers = term.draw_effects(rng, NO_RESPONSE, every)
     again = term.replicate(rng, term.drive(NO_RESPONSE, few), few, term.draw_effects(rng, NO_RESPONSE, few))
-    strangers = term.new_effects(rng, prior, points.prior.shape[:1])
+    strangers = term.new_effects(rng, prior, points[2].shape[:1])
     anew = term.replicate(rng, term.drive(NO_RESPONSE, prior), prior, strangers)
     # from half the smallest to a tenth more than the largest of the data
     depth = np.geomspace(0.5 * data.indentation.min(), 1.1 * data.indentation.max(), POINTS)
@@ -101,7 +104,7 @@ def _plate(
 def _recorded(rng: np.random.Generator, data: Afferents, density: Density, term: RecordedRates, points: Points) -> Part:
     every, few, prior, curves = (_parameters(density, term, theta) for theta in points)
     again = term.replicate(rng, term.rate(few), few, term.draw_effects(rng, NO_RESPONSE, few))
-    strangers = term.new_effects(rng, prior, points.prior.shape[:1])
+    strangers = term.new_effects(rng, prior, points[2].shape[:1])
     anew = term.replicate(rng, term.rate(prior), prior, strangers)
     expected = term.rate(curves) * term.factors(term.draw_effects(rng, NO_RESPONSE, curves))
     alone = term.left_out(NO_RESPONSE, few).log_density

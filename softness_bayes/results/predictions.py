@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,26 +123,6 @@ def turning_groups(draws: of_run.RatedDraws, error: float) -> of_run.Groups:
     return found
 
 
-def illustrations(rng: np.random.Generator, draws: of_run.RatedDraws, turn: Array, trains: Trains) -> of_run.Part:
-    """Return the data for the figures of touch and membrane.
-
-    Parameters
-    ----------
-    rng
-        Random generator of the pad's receptors.
-    draws
-        The draws of the run.
-    turn
-        E_fab at the turning points of the draws with curves [Pa], shape (draws, loads), NaN where there is none.
-    trains
-        Example trains at these draws.
-    """
-    touched, fired = (draws.touch(draws.subset(size).theta) for size in (ILLUSTRATED, draws.curves))
-    return of_run.joined(
-        touch_illustration(rng, draws.scene, touched, turn), membrane_illustration(draws.scene, fired, trains)
-    )
-
-
 def modulus_shifts(draws: of_run.RatedDraws, inflection: Mapping[str, of_run.Variable]) -> pd.DataFrame | None:
     """Return the table of `shift_table` for the skin, the receptors' threshold, gamma and the turning points.
 
@@ -251,17 +231,8 @@ def touch_illustration(
     return of_run.Part({ILLUSTRATIONS: variables}, coordinates)
 
 
-class Trains(NamedTuple):
-    """Example trains of spikes."""
-
-    current: Array
-    """Currents [µA/cm²], shape (trains,)."""
-    spikes: Array
-    """Times of the spikes [ms], shape (trains, spikes), NaN after the last one."""
-
-
-def example_trains(rng: np.random.Generator, scene: Scene, parameters: TouchParameters) -> Trains:
-    """Return example trains at the medians of draws.
+def example_trains(rng: np.random.Generator, scene: Scene, parameters: TouchParameters) -> tuple[Array, Array]:
+    """Return example trains of spikes at the medians of draws.
 
     Their currents lie at `EXCESSES` of the way from median rheobase to median alpha.
 
@@ -273,6 +244,11 @@ def example_trains(rng: np.random.Generator, scene: Scene, parameters: TouchPara
         The scene of the data.
     parameters
         Draws of the parameters of the forward model, shape (draws,).
+
+    Returns
+    -------
+    current, spikes : ndarray
+        Currents [µA/cm²], shape (trains,); and times of the spikes [ms], shape (trains, spikes), NaN after the last.
     """
     curve = scene.firing.curves(parameters.channels, parameters.alpha)
     alpha, least = float(np.median(parameters.alpha)), float(np.median(curve.rheobase))
@@ -283,10 +259,10 @@ def example_trains(rng: np.random.Generator, scene: Scene, parameters: TouchPara
     spikes = np.full((len(trains), max(1, *(train.size for train in trains))), np.nan)
     for row, train in zip(spikes, trains, strict=True):
         row[: train.size] = train
-    return Trains(given, spikes)
+    return given, spikes
 
 
-def membrane_illustration(scene: Scene, parameters: TouchParameters, trains: Trains) -> of_run.Part:
+def membrane_illustration(scene: Scene, parameters: TouchParameters, trains: tuple[Array, Array]) -> of_run.Part:
     """Return firing rate as a function of current for every draw, and example trains.
 
     The currents go from below the lowest rheobase to the largest alpha of the draws' central 95 %.
@@ -298,7 +274,7 @@ def membrane_illustration(scene: Scene, parameters: TouchParameters, trains: Tra
     parameters
         Draws of the parameters of the forward model, shape (draws,).
     trains
-        Example trains at these draws.
+        Example trains at these draws (`example_trains`).
     """
     curve = scene.firing.curves(parameters.channels, parameters.alpha)
     rheobase = np.broadcast_to(curve.rheobase, np.shape(parameters.alpha))
@@ -307,9 +283,10 @@ def membrane_illustration(scene: Scene, parameters: TouchParameters, trains: Tra
     current = np.linspace(max(0.0, begin - 0.25 * (top - begin)) if begin < top else 0.0, top, CURRENTS)
     shape = rheobase.size, CURRENTS
     rate = np.broadcast_to(curve.rate(np.broadcast_to(current, shape)), shape)
+    given, spikes = trains
     examples = {
-        "spike_time_ms": of_run.Variable(trains.spikes, ("train", "spike"), "ms"),
-        "train_current_ua_cm2": of_run.Variable(trains.current, ("train",), "µA/cm²"),
+        "spike_time_ms": of_run.Variable(spikes, ("train", "spike"), "ms"),
+        "train_current_ua_cm2": of_run.Variable(given, ("train",), "µA/cm²"),
         "train_duration_ms": of_run.Variable(np.array(DURATION), (), "ms"),
     }
     curves = {

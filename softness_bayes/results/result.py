@@ -19,8 +19,7 @@ from softness_bayes.base.files.run_files import ANSWERS, FINGERS, MODULI, MODULU
 from softness_bayes.base.files.spreadsheet import csv_of
 from softness_bayes.base.ranges import numbers, require_kind, require_mapping
 from softness_bayes.base.readable import number
-from softness_bayes.checking.inflection import Curves, Inflection, turning_table
-from softness_bayes.checking.provenance import is_first_look
+from softness_bayes.checking.inflection import STORED, Curves, Inflection, turning_table
 from softness_bayes.data.columns import LOAD_CV
 from softness_bayes.data.ratings import FREE_TOUCH
 from softness_bayes.parameters.declared import TOUCH_FORCE
@@ -47,7 +46,7 @@ class Result(Stored):
     @property
     def is_first_look(self) -> bool:
         """True if the run ended on purpose at the first check of the chains (`--quick`)."""
-        return is_first_look(self.tree.attrs)
+        return bool(self.tree.attrs.get("quick", False))
 
     def labelled(self, table: pd.DataFrame) -> pd.DataFrame:
         """Return a table with a column `preliminary`, True in every row, if the chains have not converged."""
@@ -119,14 +118,8 @@ class Result(Stored):
     def _turning(self, group: str) -> Inflection:
         """Return the turning points of a group, with fields of shape (chains, draws, shown loads)."""
         stored = self.group(group)
-        return Inflection(
-            stored["inflection_outcome"].values,
-            stored["inflection_e_fab_kpa"].values * 1e3,
-            stored["inflection_ratio"].values,
-            stored["inflection_force_n"].values,
-            stored["inflection_drop"].values,
-            stored["inflection_inside"].values.astype(bool),
-        )
+        *numbers, inside = (stored[name].values * (factor or 1) for name, factor, _ in STORED.values())
+        return Inflection(*numbers, inside.astype(bool))
 
     @property
     def least_drop(self) -> float:

@@ -22,8 +22,7 @@ from softness_bayes.model.fingers import finer_family_of
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.prediction import drive_slope, rates_of_other_moduli, rates_of_other_skins
 from softness_bayes.model.scenes import at_other_loads
-from softness_bayes.results.draws import REWEIGHT_DRAWS, RatedDraws, Variable, evenly
-from softness_bayes.results.replicates import rated_layout
+from softness_bayes.results.draws import REWEIGHT_DRAWS, RatedDraws, Variable, evenly, rated_layout
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.scene import Scene
 
@@ -180,8 +179,8 @@ def checked(draws: RatedDraws, errors: tuple[float, float], compared: exactness.
         exact_reweight=draws.log_weight is not None,
     )
     direction = dict(zip(("direction_rises", "direction_rises_se"), draws.rises, strict=True))
-    found = provenance.findings_attribute(_findings(draws))
-    return provenance.attributes_of(numerical, _silence(draws)) | found | direction
+    found = provenance.Findings(tuple(_findings(draws)))
+    return provenance.attributes_of(numerical, _silence(draws), found) | direction
 
 
 def _findings(draws: RatedDraws) -> list[provenance.Finding]:

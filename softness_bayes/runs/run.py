@@ -11,21 +11,16 @@ import numpy as np
 
 from softness_bayes.base import arviz_bridge
 from softness_bayes.base.files.command_line import storable
-from softness_bayes.base.files.run_files import FABRIC_RATINGS, RULER, THRESHOLDS
 from softness_bayes.base.ranges import require_kind
 from softness_bayes.checking import provenance
 from softness_bayes.checking.exactness import HARMLESS, LARGEST_K, Exactness
-from softness_bayes.checking.identifiability import information_table
-from softness_bayes.checking.layout import PEOPLE_ORDERS
-from softness_bayes.data import Afferents, Compression, Experiment, Measurements, Ratings
+from softness_bayes.data import Afferents, Compression, Experiment, Measurements
 from softness_bayes.data.fabrics import warn_of_moduli
-from softness_bayes.likelihood.scales import PAIRS, direction_named
+from softness_bayes.likelihood.scales import direction_named
 from softness_bayes.model.build import ExperimentModel, SkinModel, model_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
-from softness_bayes.people.free_means import FreeMeans, free_means
-from softness_bayes.people.of_run import orders_of, people_tables, threshold_table
-from softness_bayes.results.assembly import Stage, assembled, assembled_skin
+from softness_bayes.results.assembly import Stage, assembled
 from softness_bayes.results.draws import FIRST_SHARE
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_checks import compare_exactly
@@ -36,7 +31,6 @@ from softness_bayes.runs.identity import identity, require_density
 from softness_bayes.sampler.chains import RunState
 from softness_bayes.sampler.sampling import Progress, Sampled, progress_of, sampled_of, walk
 from softness_bayes.sampler.workers import Workers, one_thread
-from softness_bayes.touch.load_groups import groups_of
 
 Report = Callable[[Progress], None]
 """Function called at least every few seconds while a run is sampled."""
@@ -121,45 +115,23 @@ def sample_model(
     workers
         Processes with the posterior, which are not closed; by default new ones.
     """
-    posterior, asked = model.posterior, requested(model, run)
+    asked = requested(model, run)
     arviz_bridge.require_storable({**asked, **labels_of(model.data)})
-    with one_thread(), nullcontext(workers) if workers is not None else run.settings.workers(posterior) as workers:
+    with (
+        one_thread(),
+        nullcontext(workers) if workers is not None else run.settings.workers(model.posterior) as workers,
+    ):
         state = walked(model, run, progress, checkpoint, workers)
-        (chains, verdict), attributes = sampled_of(state), {**asked, **outcome(state, run)}
+        sampled, attributes = sampled_of(state), {**asked, **outcome(state, run)}
         # a separate key makes the draws after sampling independent of the ensembles
         rng = np.random.default_rng(np.random.SeedSequence(run.seed, spawn_key=(1 << 20,)))
-        if isinstance(model, SkinModel):
-            found = assembled_skin(model.data, posterior, chains, verdict.burn_in, rng, attributes)
-            return Result(found.tree, found.summary.join(information_table(found.tree)), found.tables)
-        ended = verdict.converged and not run.quick
-        integrals = _integrals(model.posterior, sampled_of(state), workers) if ended else None
+        integrals = _integrals(model, sampled, workers) if sampled.verdict.converged and not run.quick else None
         if integrals is None or integrals.exact_enough or integrals.pareto_k <= LARGEST_K:
-            ratings, means = model.data.ratings, None
-            if model.options.scale.model is None:
-                means = workers.later(_means_of_people, ratings, model.options)
-            found = assembled(
-                model.data,
-                model.posterior,
-                chains,
-                verdict.burn_in,
-                rng,
-                workers,
-                attributes,
-                run.exact_reweight or (integrals is not None and integrals.sd > HARMLESS),
-                exact=not run.quick,
-                share=FIRST_SHARE if run.quick else 1.0,
-            )
-            tables = found.tables
-            if means is not None:
-                free = means()
-                people, tables[RULER] = people_tables(free, ratings, model.options, found.tree)
-                merged = groups_of(ratings.loads).merged
-                found.tree[f"constant_data/{PEOPLE_ORDERS}"] = orders_of(free, merged)
-                tables[FABRIC_RATINGS] = tables[FABRIC_RATINGS].join(people)
-            if model.options.scale == PAIRS and len(thresholds := threshold_table(ratings, found.tree)):
-                tables[THRESHOLDS] = thresholds.set_index(["load", "reference", "answers"])
-            return Result(found.tree, found.summary.join(information_table(found.tree)), tables)
+            reweight = run.exact_reweight or (integrals is not None and integrals.sd > HARMLESS)
+            share = FIRST_SHARE if run.quick and isinstance(model, ExperimentModel) else 1.0
+            return Result(*assembled(model, sampled, rng, workers, attributes, reweight, not run.quick, share))
     # importance weights fail: the walk is repeated without the approximation
+    assert isinstance(model, ExperimentModel), "without ratings there are no integrals over raters' effects"
     return sample_model(replace(model, approximate=False), run, progress)
 
 
@@ -307,14 +279,11 @@ def outcome(state: RunState, run: RunOptions) -> dict[str, Any]:
     )
 
 
-def _integrals(posterior: Posterior, sampled: Sampled, workers: Workers) -> Exactness | None:
+def _integrals(model: ExperimentModel | SkinModel, sampled: Sampled, workers: Workers) -> Exactness | None:
     """Return the comparison of the integrals that the sampler used with their reference; None if they are the same."""
-    if posterior.for_sampling is posterior:
+    posterior = model.posterior
+    if not isinstance(posterior, Posterior) or posterior.for_sampling is posterior:
         return None
     kept = sampled.chains.kept(sampled.verdict.burn_in)
     theta = kept.by_walker(posterior.natural(kept.coordinates))
     return compare_exactly(posterior, theta, workers, reference=Posterior.log_likelihood)()
-
-
-def _means_of_people(_: Any, ratings: Ratings, options: ModelOptions) -> FreeMeans:
-    return free_means(ratings, options)

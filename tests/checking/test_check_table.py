@@ -8,7 +8,7 @@ import xarray as xr
 from softness_bayes.checking.check_table import adjusted, check_table
 from softness_bayes.checking.checks import EXPONENTS
 from softness_bayes.checking.layout import layout_of
-from softness_bayes.checking.provenance import Finding, findings_attribute
+from softness_bayes.checking.provenance import Finding, Findings, attributes_of
 from softness_bayes.checking.quantities import FALL, PLACE, QUANTITIES, TURNS_OVER, Reproduction, turns_reproduced
 from softness_bayes.checking.sentences import check_sentences, turn_sentence
 from softness_bayes.parameters.declared import FABRIC_MODULUS
@@ -97,7 +97,7 @@ def test_of_many_loads_some_fail_by_chance(rng):
 
 def test_deviations_are_named(rng):
     groups = tree(rng)
-    groups.attrs |= findings_attribute([Finding(EXPONENTS, 0.001, 0.5)])
+    groups.attrs |= attributes_of(Findings((Finding(EXPONENTS, 0.001, 0.5),)))
     groups["constant_data"]["loo_pit"][:] = 0.5
     *_, others = check_sentences(check_table(groups))
     assert "participants' own exponents" in others

@@ -16,6 +16,7 @@ from softness_bayes.checking.provenance import (
     DirectionTaken,
     Ending,
     Finding,
+    Findings,
     NumericalErrors,
     PlateData,
     Provenance,
@@ -24,7 +25,6 @@ from softness_bayes.checking.provenance import (
     Silence,
     attributes_of,
     family_of,
-    findings_attribute,
 )
 from softness_bayes.likelihood.scales import FALLS, STANDARDISED
 from softness_bayes.parameters.priors import parse_prior
@@ -56,7 +56,7 @@ def test_a_section_comes_back_as_it_was_written(name, section):
 
 def test_findings_come_back_as_they_were_written():
     whole = Finding("fabrics", 0.1, 0.2, 0.3, False, ("--prior a", "b"), 3, "felt", 0.4, 0.5, "log rating", 0.7)
-    found = Provenance(findings_attribute([whole, Finding("noise", np.nan, modelled=True)])).findings
+    found = Provenance(attributes_of(Findings((whole, Finding("noise", np.nan, modelled=True))))).findings
     assert found["fabrics"] == whole
     assert (found["noise"].modelled, found["noise"].advice, np.isnan(found["noise"].p_value)) == (True, (), True)
 

@@ -307,7 +307,7 @@ def test_a_run_that_lost_its_memory_says_how_to_go_on(tmp_path, brief_pilot, mon
         (MemoryError("no 2 GB"), "memory ran out (no 2 GB)", 6),
         (WorkersLostError("a worker"), "a worker", 7),
     ):
-        monkeypatch.setattr(assembly, "draw_replicates", lambda *_, error=error: (_ for _ in ()).throw(error))
+        monkeypatch.setattr(assembly, "replicated_groups", lambda *_, error=error: (_ for _ in ()).throw(error))
         done = call("sample", *asked, "--out", tmp_path / words[:6])
         assert done.returncode == code
         assert words in done.stderr

@@ -15,8 +15,8 @@ from softness_bayes.results.draws import (
     LEAST_REPLICATES,
     REPLICATES,
     RatedDraws,
+    replicated_groups,
 )
-from softness_bayes.results.replicates import replicated_groups
 from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.sampler.chains import Chains
 from softness_bayes.sampler.workers import Workers

@@ -7,7 +7,7 @@ import numpy as np
 from softness_bayes.base import arviz_bridge
 from softness_bayes.checking import checks
 from softness_bayes.checking.check_table import NEW_PARTICIPANTS
-from softness_bayes.checking.provenance import Finding, findings_attribute
+from softness_bayes.checking.provenance import Finding, Findings, attributes_of
 from softness_bayes.checking.quantities import EXCESS, excess_of_plateau, plateau
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.layout import Layout
@@ -122,6 +122,6 @@ def tree(rng, seen=STEEP, assumed=STEEP, direction="rises-with-firing"):
         attrs={
             "direction": direction,
             "rating_scale": "magnitude",
-            **findings_attribute(Finding(name, 0.5, 0.5) for name in CHECKED),
+            **attributes_of(Findings(tuple(Finding(name, 0.5, 0.5) for name in CHECKED))),
         },
     )
