@@ -163,7 +163,7 @@ def ruler(free: FreeMeans, chain: Array, predicted: Array) -> pd.DataFrame:
 
     each = free.log_density - free.log_density_alike
     groups = np.unique(free.cluster, return_inverse=True)[1]
-    over, kept = (np.bincount(groups, values) for values in (each, chain - free.log_density_alike))
+    over, kept = (np.bincount(groups, values).astype(float) for values in (each, chain - free.log_density_alike))
     gain, lost = over.sum(), (over - kept).sum()
     share = kept.sum() / gain if gain > SEEN * _error(each) else np.nan
     logs = free.scale.axis == "log"

@@ -118,8 +118,8 @@ class Result(Stored):
     def _turning(self, group: str) -> Inflection:
         """Return the turning points of a group, with fields of shape (chains, draws, shown loads)."""
         stored = self.group(group)
-        *numbers, inside = (stored[name].values * (factor or 1) for name, factor, _ in STORED.values())
-        return Inflection(*numbers, inside.astype(bool))
+        found: list[Any] = [stored[name].values * (factor or 1) for name, factor, _ in STORED.values()]
+        return Inflection(*found)._replace(inside=found[-1].astype(bool))
 
     @property
     def least_drop(self) -> float:

@@ -25,8 +25,7 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.results.data_groups import experiment_of
-from softness_bayes.results.fitted import options_of
+from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.runs import rank_table
@@ -210,15 +209,13 @@ def posterior_problem(result: Result, run: RunOptions, settings: Settings | None
     """Return the problem whose true values are draws of the posterior of a run; arguments as for `calibrate`."""
     if not result.provenance.ending.converged:
         raise InputError(f"{result.source}: the run has not converged, so its draws do not represent the posterior")
-    posterior = build(experiment_of(result), options_of(result)).posterior
-    values = result.values(TRUTHS)
-    truths = np.stack([np.asarray(values[name]) for name in posterior.names], axis=-1)
+    fitted = Fitted(result, TRUTHS)
     design = {
-        "like": hashlib.sha256(truths.tobytes()).hexdigest()[:32],
+        "like": hashlib.sha256(fitted.theta.tobytes()).hexdigest()[:32],
         "ratings": result.provenance.rating_data.digest_ratings,
         "options": Request.of(result).model.record(),
     }
-    return _problem(posterior, run, settings, design)._replace(truths=truths)
+    return _problem(fitted.posterior, run, settings, design)._replace(truths=fitted.theta)
 
 
 def _problem(posterior: Posterior, run: RunOptions, settings: Settings | None, design: dict[str, Any]) -> Problem:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +17,7 @@ from softness_bayes.checking.layout import RATING_HIGH, RATING_LOW
 from softness_bayes.results.data_groups import experiment_of
 from softness_bayes.results.fitted import differences
 from softness_bayes.results.result import Result
-from softness_bayes.runs.left_out import LEAVE, Leave, LeftOut, Refits
+from softness_bayes.runs.left_out import LEAVE, Leave, Refits
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings
 
@@ -145,7 +144,9 @@ def compare(
         raise InputError(f"compare: a run without ratings has no {leave.name} to hold out; hold out responses")
     told = differences(dict(results))
     found = {
-        label: leave.predict(result, Refits(settings, partial(_told, progress, label), executor))
+        label: leave.predict(
+            result, Refits(settings, lambda unit, label=label: progress(f"{label} without {unit}"), executor)
+        )
         for label, result in results.items()
     }
     order = sorted(found, key=lambda label: -float(found[label].log_density.sum()))
@@ -155,45 +156,27 @@ def compare(
     interior = pd.Series(dtype=float)
     if rated:
         interior = sum(w * results[one].inflection()["p_interior"] for w, one in zip(weights, order, strict=True))
-    rows = {
-        label: {
+    rows = {}
+    for rank, (label, weight) in enumerate(zip(order, weights, strict=True), 1):
+        left, behind = found[label], found[label].log_density - best
+        each = np.arange(behind.size)
+        rows[label] = {
             "rank": rank,
-            **_differences(found[label].log_density, best, clusters),
+            "elpd": left.log_density.sum(),
+            "se": clustered_error(left.log_density, each),
+            "elpd_diff": behind.sum(),
+            "se_diff": clustered_error(behind, each),
+            **{f"se_by_{by}": clustered_error(behind, index) for by, index in clusters.items()},
             "weight": weight,
-            **_reliability(found[label]),
+            "units": behind.size,
+            "pareto_k_max": np.nanmax(left.pareto_k, initial=-np.inf) if np.isfinite(left.pareto_k).any() else np.nan,
+            "pareto_k_high": int((left.pareto_k > largest_pareto_k(left.draws)).sum()),
+            "unfinished": left.unfinished,
             "converged": results[label].provenance.ending.converged,
             "model": told[label],
         }
-        for rank, (label, weight) in enumerate(zip(order, weights, strict=True), 1)
-    }
     unit = (results[order[0]].scale.answer if leave is LEAVE["rating"] else "") or leave.name
     return Comparison(pd.DataFrame.from_dict(rows, orient="index").rename_axis("result"), unit, interior)
-
-
-def _told(progress: Callable[[str], None], label: str, unit: str) -> None:
-    progress(f"{label} without {unit}")
-
-
-def _differences(log_density: Array, best: Array, clusters: Mapping[str, NDArray[np.intp]]) -> dict[str, float]:
-    """Return the columns for a model's predictions and their differences from those of the best model."""
-    behind = log_density - best
-    return {
-        "elpd": log_density.sum(),
-        "se": _standard_error(log_density),
-        "elpd_diff": behind.sum(),
-        "se_diff": _standard_error(behind),
-        **{f"se_by_{by}": clustered_error(behind, index) for by, index in clusters.items()},
-    }
-
-
-def _reliability(left: LeftOut) -> dict[str, float]:
-    """Return the columns for the units, their importance weights and the refits."""
-    return {
-        "units": left.log_density.size,
-        "pareto_k_max": np.nanmax(left.pareto_k, initial=-np.inf) if np.isfinite(left.pareto_k).any() else np.nan,
-        "pareto_k_high": int((left.pareto_k > largest_pareto_k(left.draws)).sum()),
-        "unfinished": left.unfinished,
-    }
 
 
 def _clusters(result: Result, leave: Leave) -> dict[str, NDArray[np.intp]]:
@@ -206,13 +189,6 @@ def _clusters(result: Result, leave: Leave) -> dict[str, NDArray[np.intp]]:
     if result.scale.answer:
         return {"participant": ratings.participant[np.unique(ratings.own_lists, return_index=True)[1]]}
     return {"fabric": ratings.fabric, "condition": ratings.conditions.of_rating, "participant": ratings.participant}
-
-
-def _standard_error(log_density: Array) -> float:
-    """Return the standard error of the sum over independent units."""
-    if log_density.size < 2:
-        return float("nan")
-    return float(np.sqrt(log_density.size) * log_density.std(ddof=1))
 
 
 def _require_comparable(results: Mapping[str, Result]) -> None:

@@ -15,10 +15,8 @@ from scipy.special import logsumexp
 from softness_bayes.base import arviz_bridge
 from softness_bayes.base.errors import InputError
 from softness_bayes.checking.exactness import largest_pareto_k
-from softness_bayes.model.build import build
 from softness_bayes.model.posterior import Posterior
-from softness_bayes.results.data_groups import experiment_of
-from softness_bayes.results.fitted import options_of
+from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.result import Result
 from softness_bayes.sampler.sampling import Settings, sample_until
 from softness_bayes.sampler.workers import Workers, available_processors
@@ -77,12 +75,8 @@ def _by_rating(result: Result, _: Refits) -> LeftOut:
     """Leave out each rating; lists and pairs, whose rows depend on one another, are left out as a whole."""
     if not result.scale.answer:
         return _stored(result, "log_likelihood", "rating")
-    posterior = build(experiment_of(result), options_of(result)).posterior
-    return leave_by_weights(posterior.observation.log_likelihood_answers(*_at_draws(posterior, result)))
-
-
-def _by_participant(result: Result, _: Refits) -> LeftOut:
-    return _stored(result, "log_likelihood_participant", "ratings_of_participant")
+    fitted = Fitted(result, _WEIGHTED)
+    return leave_by_weights(fitted.posterior.observation.log_likelihood_answers(*_at_draws(fitted)))
 
 
 def _by_response(result: Result, _: Refits) -> LeftOut:
@@ -97,31 +91,28 @@ def _stored(result: Result, group: str, name: str) -> LeftOut:
     return leave_by_weights(values.reshape(-1, values.shape[-1]))
 
 
-def _at_draws(posterior: Posterior, result: Result) -> tuple[Array, Any]:
+def _at_draws(fitted: Fitted) -> tuple[Array, Any]:
     """Return mean rates and rating parameters at the draws to be weighted, in one batch."""
-    values = result.values(_WEIGHTED)
-    theta = np.stack([values[name] for name in posterior.names], axis=-1)
-    return posterior.response(theta), posterior.rating_parameters(theta)
+    return fitted.posterior.response(fitted.theta), fitted.posterior.rating_parameters(fitted.theta)
 
 
 def _by_fabric(result: Result, refits: Refits) -> LeftOut:
     """Refit the model without each fabric, because a fabric changes the posterior too much for importance weights."""
-    experiment = experiment_of(result)
-    posterior, ratings = build(experiment, options_of(result)).posterior, experiment.ratings
+    fitted, seed = Fitted(result, 1), (int(result.attributes["seed"]), 1 << 21)
+    ratings = fitted.model.data.ratings
     unknown = np.full(len(ratings.fabrics), np.nan)
-    seed = int(result.attributes["seed"]), 1 << 21
-    return _refitted(posterior, "fabric", ratings.fabric, ratings.fabrics, LeftOut(unknown, unknown, 0), seed, refits)
+    none = LeftOut(unknown, unknown, 0)
+    return _refitted(fitted.posterior, "fabric", ratings.fabric, ratings.fabrics, none, seed, refits)
 
 
 def _by_condition(result: Result, refits: Refits) -> LeftOut:
     """Leave out each fabric under each load by importance weights, or by refits if these fail."""
-    experiment = experiment_of(result)
-    ratings, group = experiment.ratings, experiment.ratings.conditions.of_rating
-    pairs = zip(ratings.conditions.fabric, ratings.conditions.load, strict=True)
+    fitted, seed = Fitted(result, _WEIGHTED), (int(result.attributes["seed"]), 1 << 22)
+    ratings = fitted.model.data.ratings
+    group, pairs = ratings.conditions.of_rating, zip(ratings.conditions.fabric, ratings.conditions.load, strict=True)
     names = [f"{ratings.fabrics[fabric]} at {ratings.loads[load]}" for fabric, load in pairs]
-    posterior = build(experiment, options_of(result)).posterior
-    left = leave_by_weights(posterior.observation.log_likelihood_blocks(*_at_draws(posterior, result), group))
-    return _refitted(posterior, "condition", group, names, left, (int(result.attributes["seed"]), 1 << 22), refits)
+    left = leave_by_weights(fitted.posterior.observation.log_likelihood_blocks(*_at_draws(fitted), group))
+    return _refitted(fitted.posterior, "condition", group, names, left, seed, refits)
 
 
 def _refitted(
@@ -178,7 +169,9 @@ def _without(
 LEAVE: Mapping[str, Leave] = MappingProxyType(
     {
         "rating": Leave("rating", _by_rating),
-        "participant": Leave("participant", _by_participant),
+        "participant": Leave(
+            "participant", lambda result, _: _stored(result, "log_likelihood_participant", "ratings_of_participant")
+        ),
         "fabric": Leave("fabric", _by_fabric),
         "condition": Leave("condition", _by_condition),
         "response": Leave("recorded response", _by_response),
