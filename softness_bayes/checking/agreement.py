@@ -7,6 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.base.errors import InputError
@@ -16,7 +17,6 @@ from softness_bayes.checking.quantities import QUANTITIES, Columns
 from softness_bayes.likelihood.layout import Layout
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
 Array = NDArray[np.float64]
@@ -37,8 +37,6 @@ def places(rating: ArrayLike) -> tuple[Array, Array]:
         Place of each fabric in each draw, averaged over ties, (draws, fabrics); and the probability of each place,
         (fabrics, places), where fabrics with equal ratings share their places equally: all rows and columns sum to 1.
     """
-    import pandas as pd
-
     rating = np.asarray(rating, float)
     first, last = (np.asarray(pd.DataFrame(-rating).rank(axis=1, method=method)) for method in ("min", "max"))
     share = 1.0 / (last - first + 1.0)
@@ -210,8 +208,6 @@ def fabric_rating_table(tree: xr.DataTree) -> pd.DataFrame:
         predicted_high (limits of 90 % of the replicates), difference_sd: rated minus the mean of the replicates, on the
         additive scale, in standard deviations of the replicates.
     """
-    import pandas as pd
-
     layout = layout_of(tree)
     (means,) = posterior_quantities(tree, [one for one in QUANTITIES if one.columns is Columns.CONDITION])
     rated = np.array([finding.observed for finding in means.findings])

@@ -17,9 +17,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import count
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import chdtr, chdtrc, chdtri, ndtr, ndtri
@@ -27,9 +28,6 @@ from scipy.stats import binom
 
 from softness_bayes.base.readable import percent
 from softness_bayes.checking.quantities import simultaneous_band, uniformity_p_value
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -188,8 +186,6 @@ class Calibration:
             of replicates), share, low and high: 95 % limits of the share if the model is calibrated, and outside: the
             probability that it lies beyond them all the same.
         """
-        import pandas as pd
-
         size = len(self.rank)
         places = np.abs((np.arange(self.draws + 1) + 0.5) / (self.draws + 1) - 0.5)
         inside = {mass: places <= 0.5 * mass + 1e-12 for mass in MASSES}

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.checking.checks import LOADS
@@ -32,7 +33,6 @@ from softness_bayes.checking.quantities import (
 from softness_bayes.likelihood.layout import Additive, Layout
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
 Array = NDArray[np.float64]
@@ -99,8 +99,6 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
         Posterior p-values are conservative, because the replicates come from a fit to the data. The p-value of
         the LOO-PIT treats its values as independent; their dependence makes it conservative too.
     """
-    import pandas as pd
-
     layout = layout_of(tree)
     data = layout.fit(ratings_in(tree))
     prior, posterior = layout.fit(values_in(tree, "prior_predictive", "rating")[0]), _posterior_fits(tree, layout)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri, xlog1py
 
@@ -16,7 +17,6 @@ from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.sampler.chain_statistics import jackknife
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
 
@@ -289,8 +289,6 @@ def information_table(tree: xr.DataTree) -> pd.DataFrame:
         prior), so that 0 is the prior's median and 1 a standard deviation. mu, which is drawn after the run, has no
         sensitivities, because it is integrated out of the power-scaled likelihood.
     """
-    import pandas as pd
-
     posterior, priors = _draws(tree, "posterior"), _draws(tree, "log_prior")
     log_prior, log_likelihood = (_log_density(tree, group) for group in ("log_prior", "log_likelihood_joint"))
     rows = {}
@@ -332,8 +330,6 @@ def direction_table(tree: xr.DataTree) -> pd.DataFrame:
         median and its 90 % limits; width: width of the limits relative to that under the prior); and its meaning in
         words.
     """
-    import pandas as pd
-
     priors, posterior = Provenance(tree.attrs).priors, _draws(tree, "posterior")
     # an exponent that may be negative has no logarithm, and its magnitude belongs to no product
     names = [name for name in _draws(tree, "log_prior") if not isinstance(priors[name], Signed)]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.base.laws import Prior
@@ -18,7 +19,6 @@ from softness_bayes.parameters.priors import parse_prior
 from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
 Array = NDArray[np.float64]
@@ -68,8 +68,6 @@ def modulus_table(tree: xr.DataTree) -> pd.DataFrame | None:
         [kPa]; law_sd_log and sd_log, standard deviations of the log modulus; contraction, 1 - (sd_log / law_sd_log)²;
         shift, the mean log modulus minus that of the law, in its standard deviations.
     """
-    import pandas as pd
-
     posterior = tree["posterior"].to_dataset()
     if FABRIC_MODULUS not in posterior:
         return None
@@ -129,8 +127,6 @@ def answer_table(tree: xr.DataTree) -> pd.DataFrame | None:
 
 
 def _rater_table(tree: xr.DataTree, effects: Mapping[str, str], spreads: Mapping[str, str]) -> pd.DataFrame | None:
-    import pandas as pd
-
     posterior = tree["posterior"].to_dataset()
     names = [name for name, effect in effects.items() if effect in posterior]
     if not names:

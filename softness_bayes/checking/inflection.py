@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.base.readable import chance
@@ -14,9 +15,6 @@ from softness_bayes.sampler.chain_statistics import Estimate, quantile, share
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -233,8 +231,6 @@ def turning_table(
     ensembles
         Number of ensembles, whose chains follow each other in equal numbers.
     """
-    import pandas as pd
-
     rows = []
     for k, load in enumerate(loads):
         outcome = _walks(draws.outcome[..., k], ensembles)
@@ -262,7 +258,6 @@ def with_errors(table: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
     A number without an error comes from too few or constant draws and is left out. A probability (columns named p_ or
     prior_p_) is in per cent; one of 0 or 1, which draws cannot establish, is a bound.
     """
-    import pandas as pd
 
     def written(value: float, error: float, probability: bool) -> str:
         if not (np.isfinite(value) and error > 0):

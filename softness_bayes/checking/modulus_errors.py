@@ -7,17 +7,15 @@ of the log-likelihood in the logarithm of the modulus.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.checking.checks import MODULUS_STEP
 from softness_bayes.likelihood.contract import Likelihood, Parameters
 from softness_bayes.sampler.chain_statistics import jackknife
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -142,8 +140,6 @@ def shift_table(shifts: Mapping[str, tuple[float, float]]) -> pd.DataFrame:
         deviations, if all moduli that are taken as exact had independent errors of 10 %, to first order; and
         shift_10_mcse, its Monte-Carlo error.
     """
-    import pandas as pd
-
     columns = ["shift_10", "shift_10_mcse"]
     return ERROR * pd.DataFrame.from_dict(shifts, orient="index", columns=columns).rename_axis("quantity")
 

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
@@ -229,8 +230,6 @@ def mean_standardised(ratings: Ratings, loads: tuple[Load, ...], fabrics: tuple[
     InputError
         If a rated fabric is not among `fabrics`.
     """
-    import pandas as pd
-
     if missing := [name for name in ratings.fabrics if name not in fabrics]:
         raise InputError(f"claims: rated fabrics that the fabric set lacks: {', '.join(missing)}")
     keys = {"load": np.array(ratings.loads, object)[ratings.load], "fabric": np.array(ratings.fabrics)[ratings.fabric]}

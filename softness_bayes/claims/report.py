@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from softness_bayes.claims import CLAIMS, ClaimFinding, ClaimVerdict, Trial
 from softness_bayes.touch.contact import Force, Indentation
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 COLUMNS = {
     "largest": ("largest_total_rate_hz", 1.0),
@@ -38,8 +36,6 @@ def claims_table(trials: Sequence[Trial]) -> pd.DataFrame:
     Columns: readings, priors, control, claim, verdict (at the priors' medians), numbers (behind the verdict, for each
     load), p_holds, p_fails, p_silent (over draws of the prior; empty without draws), statement, criterion.
     """
-    import pandas as pd
-
     return pd.DataFrame(
         {
             **_keys(trial),
@@ -64,8 +60,6 @@ def loads_table(trials: Sequence[Trial]) -> pd.DataFrame:
     Cells are empty where no receptor fires. Where `interior` is false, the columns of the maximum are those of the
     grid's end.
     """
-    import pandas as pd
-
     rows: list[dict[str, Any]] = []
     for trial in trials:
         for k, load in enumerate(trial.loads):

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import expit, logit, logsumexp
 
@@ -26,9 +27,6 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.people.answers import Answers, SingleAnswers, Terms, answers_of, told_pairs
 from softness_bayes.touch.load_groups import groups_of
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -119,8 +117,6 @@ class FreeMeans:
         Columns: load, fabric, ratings (their number), people (the median of the mean rating), people_low, people_high,
         p_highest, and p_higher_than_next, NaN for the last.
         """
-        import pandas as pd
-
         parts = []
         for k, load in enumerate(self.loads):
             own = self.under(k)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.special import bdtr, ndtr, ndtri
@@ -23,7 +24,6 @@ from softness_bayes.people.answers import told_pairs
 from softness_bayes.people.free_means import groups_of_loads
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
 Array = NDArray[np.float64]
@@ -67,8 +67,6 @@ def psychometric_table(
         to the reference), threshold (E_fab that is told from it in the share `level`), weber (fraction by which the
         threshold differs from `equal`), bias (of `equal` from the reference, as a fraction), guess, lapse.
     """
-    import pandas as pd
-
     names, load = groups_of_loads(ratings)
     pairs = told_pairs(ratings)
     won = np.ones(len(pairs)) if first_won is None else first_won
@@ -94,8 +92,6 @@ def threshold_table(ratings: Ratings, tree: xr.DataTree) -> pd.DataFrame:
 
     Those of the chain are of the same pairs with the probabilities that it predicts; the column `answers` tells which.
     """
-    import pandas as pd
-
     modulus = values_in(tree, "constant_data", "effective_modulus_kpa").astype(float)
     density = values_in(tree, "log_likelihood", "rating")[0][:, told_pairs(ratings)[:, 0]]
     chance = np.exp(density.astype(float)).mean(axis=0)

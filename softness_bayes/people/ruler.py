@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.checking.agreement import predicted_ratings
@@ -21,7 +22,6 @@ from softness_bayes.likelihood.scales import PAIRS, RANKS, Scale
 from softness_bayes.people.answers import left_out_of_draws, told_pairs
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
     from softness_bayes.people.free_means import FreeMeans
@@ -159,8 +159,6 @@ def ruler(free: FreeMeans, chain: Array, predicted: Array) -> pd.DataFrame:
         free means over that under the chain; misfit, the standard deviation of people's means about the chain's, beyond
         their own error, in units of the ratings or, of magnitude estimates, of their logarithms.
     """
-    import pandas as pd
-
     each = free.log_density - free.log_density_alike
     groups = np.unique(free.cluster, return_inverse=True)[1]
     over, kept = (np.bincount(groups, values).astype(float) for values in (each, chain - free.log_density_alike))

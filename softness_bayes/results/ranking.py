@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.base.defaults import ANSWER_DRAWS
@@ -24,7 +25,6 @@ from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Load
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
@@ -109,8 +109,6 @@ class Ranking:
         InputError
             If too few fabrics are in both.
         """
-        import pandas as pd
-
         here = [k for k, name in enumerate(self.fabrics) if name in observed]
         seen = np.array([observed[self.fabrics[k]] for k in here])
         rows = []
@@ -143,8 +141,6 @@ def rank(
     InputError
         If there are too many fabrics, the run had no ratings, or the result is incomplete.
     """
-    import pandas as pd
-
     RANKED.require("rank: number of fabrics", len(fabrics))
     fitted, rng = Fitted(result, draws), np.random.default_rng(seed)
     scene, modulus = fitted.scene(fabrics, loads), fitted.modulus(rng, fabrics)

@@ -6,9 +6,9 @@ Reasons are silence, a contact beyond Hertz's geometry, and fabrics or loads out
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.base.defaults import ANSWER_DRAWS
@@ -27,9 +27,6 @@ from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.load_groups import groups_of
 from softness_bayes.touch.scene import Scene
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -115,8 +112,6 @@ def predicted(
     InputError
         If the number of raters is out of range, or the result is incomplete.
     """
-    import pandas as pd
-
     panel = fitted.posterior.observation.raters if raters is None else raters
     PANEL.require("raters", panel)
     tables, scenes = [], []
@@ -201,8 +196,6 @@ def reasons(fitted: Fitted, scene: Scene, rate: Array, modulus: Array | None = N
         "below" or "above" if E_fab (beyond_moduli) or the load (beyond_loads) lies outside the rated range, otherwise
         empty; and all of it as text (remarks).
     """
-    import pandas as pd
-
     touch, rated = fitted.touch, fitted.posterior.scene
     own = fitted.posterior.space.modulus(fitted.theta)
     extent = scene.contact(touch, modulus).radius / scene.fingertip(touch).radius

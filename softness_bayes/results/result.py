@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.base import arviz_bridge
@@ -28,8 +29,6 @@ from softness_bayes.touch.contact import Load, require_loads
 from softness_bayes.touch.load_groups import LoadGroups, groups_of
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from softness_bayes.data import Fabrics
     from softness_bayes.people.ruler import Fit
     from softness_bayes.plotting.figures import Plots
@@ -358,8 +357,6 @@ class Result(Stored):
         self, fabrics: Fabrics | pd.DataFrame | None, loads: Sequence[Load] | None
     ) -> tuple[Fabrics, tuple[Load, ...]]:
         """Return the given fabrics and loads; by default those of the data."""
-        import pandas as pd
-
         from softness_bayes.data import Fabrics
         from softness_bayes.data.fabrics import warn_of_moduli
 

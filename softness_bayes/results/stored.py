@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.base import arviz_bridge
@@ -28,7 +29,6 @@ from softness_bayes.touch.contact import Finger, Load
 from softness_bayes.touch.readings import Readings
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
     from softness_bayes.data import Fabrics
@@ -110,8 +110,6 @@ def _text_of(table: pd.DataFrame) -> str:
 
 
 def _tables(path: Path, tree: xr.DataTree) -> dict[str, pd.DataFrame]:
-    import pandas as pd
-
     if TABLES not in tree.children or SUMMARY_TABLE not in tree[TABLES].data_vars:
         raise InputError(f"{path}: no table {SUMMARY_TABLE!r} in group {TABLES!r}")
     tables = {}

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.base import arviz_bridge
@@ -13,7 +14,6 @@ from softness_bayes.data import Ratings
 from softness_bayes.sampler.chain_statistics import ess_tail, r_hat_between
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
 FloatArray = NDArray[np.float64]
@@ -37,8 +37,6 @@ def summarise(names: Sequence[str], values: FloatArray, hdi_probability: float =
     hdi_probability
         Probability within the shortest interval.
     """
-    import pandas as pd
-
     walks = np.moveaxis(values, -1, 1)
     tails, r_hats = ess_tail(walks), r_hat_between(walks)
     rows = {}
@@ -116,8 +114,6 @@ def rater_table(tree: xr.DataTree, ratings: Ratings) -> pd.DataFrame | None:
         By participant: the number of ratings; if the model has individual rating scales, the rater's deviation on the
         additive scale of the model, as median (effect) with 90 % limits; and the covariates by name, as text.
     """
-    import pandas as pd
-
     if not ratings.covariates:
         return None
     people, posterior = ratings.participants, tree["posterior"].to_dataset()

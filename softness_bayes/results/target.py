@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.base.defaults import ANSWER_DRAWS
@@ -21,9 +22,6 @@ from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.rating_table import limits, reasons
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import PLATE_LENGTH, FabricModulus, Load
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -123,8 +121,6 @@ def target(
     InputError
         If the rating is not on the scale of the run, or a property of the fabric is out of range.
     """
-    import pandas as pd
-
     cloth.require()
     with np.errstate(invalid="ignore", divide="ignore"):
         wished = float(result.scale.additive(np.array(rating, float)))

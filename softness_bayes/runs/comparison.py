@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.base.errors import InputError
@@ -20,9 +20,6 @@ from softness_bayes.results.result import Result
 from softness_bayes.runs.left_out import LEAVE, Leave, Refits
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -126,8 +123,6 @@ def compare(
         If there are fewer than two results, one has no ratings, or they are of different data or scales; or the unit to
         leave out is unknown.
     """
-    import pandas as pd
-
     from softness_bayes.results.result import Result
 
     require_mapping("results", results, "{'hertz': result, 'attenuated': other}")

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.base.errors import InputError
@@ -15,9 +16,6 @@ from softness_bayes.checking.pooling import Pooled, PopulationPrior, Separate, p
 from softness_bayes.parameters.coordinates import HalfLine, Interval, coordinate_for
 from softness_bayes.parameters.declared import EVERY_PARAMETER, Parameter
 from softness_bayes.results.result import Result
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -204,8 +202,6 @@ def _prior(drawn: Mapping[str, Mapping[str, Draws]], name: str) -> Prior:
 
 def individual_table(pooled: Mapping[str, PooledParameter]) -> pd.DataFrame:
     """Return a row per parameter and table: its interval separately and in the population, and its weights."""
-    import pandas as pd
-
     return pd.DataFrame(
         [
             {
@@ -225,8 +221,6 @@ def individual_table(pooled: Mapping[str, PooledParameter]) -> pd.DataFrame:
 
 def population_table(pooled: Mapping[str, PooledParameter]) -> pd.DataFrame:
     """Return a row per parameter: median, spread, a further table, Monte-Carlo errors, priors; or the fault."""
-    import pandas as pd
-
     return pd.DataFrame(
         [
             {

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.files.outputs import require_outputs, write_outputs
@@ -31,7 +32,6 @@ from softness_bayes.runs.table_fits import CONVERGED, REFUSED, Kept, TableOutcom
 from softness_bayes.sampler.workers import Workers, available_processors
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.figure import Figure
 
 STUDY = "study"
@@ -66,8 +66,6 @@ class Study:
     @property
     def tables(self) -> pd.DataFrame:
         """A row per table: table, outcome, run (its directory from here, if there is one), said."""
-        import pandas as pd
-
         rows = [
             {
                 "table": one.table,
