@@ -140,8 +140,8 @@ def shift_table(shifts: Mapping[str, tuple[float, float]]) -> pd.DataFrame:
         deviations, if all moduli that are taken as exact had independent errors of 10 %, to first order; and
         shift_10_mcse, its Monte-Carlo error.
     """
-    columns = ["shift_10", "shift_10_mcse"]
-    return ERROR * pd.DataFrame.from_dict(shifts, orient="index", columns=columns).rename_axis("quantity")
+    table = pd.DataFrame(dict(shifts), index=["shift_10", "shift_10_mcse"]).T
+    return ERROR * table.rename_axis("quantity")
 
 
 def clear_shifts(table: pd.DataFrame) -> pd.DataFrame:

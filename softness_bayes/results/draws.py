@@ -320,7 +320,7 @@ def turning_variables(turn: Inflection, shape: tuple[int, int], axis: str) -> di
     """Return turning points of the response as variables along an axis of loads; draws have `shape` (chains, draws)."""
     found = {}
     for (name, factor, unit), values in zip(STORED.values(), turn, strict=True):
-        of_draws = values.reshape(*shape, values.shape[-1])
+        of_draws: NDArray[Any] = values.reshape(*shape, values.shape[-1])
         found[name] = Variable(of_draws.astype(np.int8) if factor is None else of_draws / factor, (axis,), unit)
     return found
 

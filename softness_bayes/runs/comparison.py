@@ -138,12 +138,13 @@ def compare(
     if not rated and leave is not LEAVE["response"]:
         raise InputError(f"compare: a run without ratings has no {leave.name} to hold out; hold out responses")
     told = differences(dict(results))
-    found = {
-        label: leave.predict(
-            result, Refits(settings, lambda unit, label=label: progress(f"{label} without {unit}"), executor)
-        )
-        for label, result in results.items()
-    }
+    found = {}
+    for label, result in results.items():
+
+        def told_of(unit: str, label: str = label) -> None:
+            progress(f"{label} without {unit}")
+
+        found[label] = leave.predict(result, Refits(settings, told_of, executor))
     order = sorted(found, key=lambda label: -float(found[label].log_density.sum()))
     best = found[order[0]].log_density
     weights = stacking_weights(np.stack([found[label].log_density for label in order], axis=-1))
