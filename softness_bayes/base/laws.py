@@ -132,7 +132,8 @@ class Standardised(Law):
         if self.logarithmic:
             inside &= (x > 0) & (x < math.inf)
         at = np.where(inside, x, location)
-        density = np.zeros_like(at) if self.uniform else _standard_normal(self._score(at))
+        with np.errstate(over="ignore"):  # far in the tail the square overflows, and the density is rightly zero
+            density = np.zeros_like(at) if self.uniform else -0.5 * self._score(at) ** 2 - 0.5 * LOG_TWO_PI
         if self.logarithmic:
             density = density - np.log(at)
         return np.where(inside, density - math.log(scale * (self._shares[1] - self._shares[0])), -np.inf)
@@ -178,15 +179,11 @@ class Normal(Standardised):
 
     mean: float
     sd: float
+    support: ClassVar[tuple[float, float]] = (-math.inf, math.inf)
 
     def __post_init__(self) -> None:
         require_finite(self)
         require(self, "sd", self.sd > LEAST_WIDTH * abs(self.mean), f"a number above {LEAST_WIDTH * abs(self.mean):g}")
-
-    @property
-    def support(self) -> tuple[float, float]:
-        """The real line."""
-        return -math.inf, math.inf
 
     @property
     def median(self) -> float:
@@ -209,15 +206,11 @@ class HalfNormal(Standardised):
     """
 
     scale: float
+    support: ClassVar[tuple[float, float]] = (0.0, math.inf)
 
     def __post_init__(self) -> None:
         require_finite(self)
         require(self, "scale", self.scale > 0, "a positive number")
-
-    @property
-    def support(self) -> tuple[float, float]:
-        """From 0 upwards."""
-        return 0.0, math.inf
 
     @property
     def median(self) -> float:
@@ -388,25 +381,15 @@ class Truncated(Law):
         return np.clip(self.law.quantile(within), *self.support)
 
 
-def _standard_normal(deviate: FloatArray) -> FloatArray:
-    # far in the tail the square overflows to inf and the density is rightly zero
-    with np.errstate(over="ignore"):
-        return -0.5 * deviate**2 - 0.5 * LOG_TWO_PI
-
-
 @dataclass(frozen=True)
 class Signed(Law):
     """The law of a quantity whose magnitude has a positive law: either sign has probability 1/2."""
 
     law: Prior
+    support: ClassVar[tuple[float, float]] = (-math.inf, math.inf)
 
     def __str__(self) -> str:
         return f"±{self.law}"
-
-    @property
-    def support(self) -> tuple[float, float]:
-        """The real line."""
-        return -math.inf, math.inf
 
     @property
     def median(self) -> float:

@@ -17,7 +17,7 @@ import os
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
@@ -95,7 +95,7 @@ class Kind:
 class Number(Kind):
     """Numbers in a range; whole numbers if the range is a `Count`."""
 
-    range: Range | Count
+    range: Range
     metavar: str = "X"
 
     def accept(self, name: str, value: Any) -> float:
@@ -368,6 +368,7 @@ def described(options: type[Described]) -> type[Described]:
         lines += [f"    {one.name}", *textwrap.wrap(text, 112, initial_indent=indent, subsequent_indent=indent)]
     options.__doc__ = "\n".join([*lines, "    "])
     options.declared = MappingProxyType(declared)
+    options.__repr__ = Options.__repr__  # type: ignore[method-assign]  # that of a dataclass names all fields
     return options
 
 
@@ -377,19 +378,9 @@ class Options:
     declared: ClassVar[Mapping[str, Option]] = MappingProxyType({})
     """The declarations, by name."""
 
-    def __init_subclass__(cls, **more: Any) -> None:
-        super().__init_subclass__(**more)
-        cls.__repr__ = Options._short  # type: ignore[assignment]  # before dataclass makes a long one
-
-    def _short(self) -> str:
-        """Return the options that differ from their defaults."""
-        told = []
-        for one in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, one.name)
-            usual = one.default if one.default_factory is MISSING else one.default_factory()
-            if one.repr and not (value is usual or value == usual):
-                told.append(f"{one.name}={value!r}")
-        return f"{type(self).__name__}({', '.join(told)})"
+    def __repr__(self) -> str:
+        changed = [name for name, one in self.declared.items() if getattr(self, name) != one.default]
+        return f"{type(self).__name__}({', '.join(f'{name}={getattr(self, name)!r}' for name in changed)})"
 
     def __post_init__(self) -> None:
         for name, one in self.declared.items():

@@ -75,27 +75,16 @@ ANY = Range()
 
 
 @dataclass(frozen=True)
-class Count:
+class Count(Range):
     """Whole numbers from `low` to `high`, both included; without `high` there is no limit."""
 
-    low: int
+    low: int = 0
     high: int = sys.maxsize
 
-    def holds(self, value: object) -> bool:
+    def holds(self, value: float) -> bool:
         """Return whether `value` is a whole number in the range."""
         unlimited = self.high == sys.maxsize
         return isinstance(value, Integral) and self.low <= int(value) and (unlimited or int(value) <= self.high)
-
-    def require(self, name: str, value: int) -> None:
-        """Raise an error for a number outside the range.
-
-        Raises
-        ------
-        InputError
-            With name, value and range.
-        """
-        if not self.holds(value):
-            raise InputError(f"{name} is {_written(value)}, expected {self}")
 
     def __str__(self) -> str:
         return f"a whole number from {self.low}" + ("" if self.high == sys.maxsize else f" to {self.high}")

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,15 +79,6 @@ def _clear(numbers: Numbers) -> Booleans:
     return np.asarray(numbers.interior & (numbers.drop >= LEAST_DROP))
 
 
-def _turns(numbers: Numbers, speaks: Booleans) -> Booleans:
-    return np.asarray((_clear(numbers) & (numbers.levelling < LEVEL)).any(axis=-1))
-
-
-def _turns_from_touching_force_on(numbers: Numbers, speaks: Booleans) -> Booleans:
-    heavy, clear = numbers.force >= TOUCHING_FORCE, _clear(numbers)
-    return np.asarray(((heavy == clear) | ~speaks).all(axis=-1) & clear.any(axis=-1))
-
-
 def _place_depends_on_load(numbers: Numbers, speaks: Booleans) -> Booleans:
     clear = _clear(numbers)
     different = clear.sum(axis=-1) > 1
@@ -101,10 +92,6 @@ def _place_depends_on_load(numbers: Numbers, speaks: Booleans) -> Booleans:
 def _every(test: Callable[[Numbers], Booleans]) -> Callable[[Numbers, Booleans], Booleans]:
     """Return the criterion that a test passes under every load for which it can be evaluated."""
     return lambda numbers, speaks: np.asarray((test(numbers) | ~speaks).all(axis=-1))
-
-
-def _grows(numbers: Numbers) -> Booleans:
-    return np.asarray((numbers.growth > 0) & (numbers.setback <= 3.0 * ERROR))
 
 
 def _listing(values: Array, style: str, unit: str = "", marks: Booleans | None = None) -> str:
@@ -129,21 +116,12 @@ def _tell_drop(numbers: Numbers) -> str:
     return "drop " + _listing(100 * numbers.drop[0], ".1f", " %", _wide(numbers))
 
 
-def _tell_force(numbers: Numbers) -> str:
-    return f"{_tell_drop(numbers)} at {_listing(numbers.force[0], '', ' N')}"
-
-
 def _tell_place(numbers: Numbers) -> str:
     clear = _clear(numbers)[0]
     if not clear.any():
         return "no turning point"
     modulus, ratio = (np.where(clear, place[0], np.nan) for place in (numbers.modulus, numbers.ratio))
     return f"{_listing(1e-3 * modulus, '', ' kPa', _wide(numbers))}; ratio {_listing(ratio, '')}"
-
-
-def _tell_centre(numbers: Numbers) -> str:
-    best = _listing(1e3 * numbers.best_centre[0], ".0f", " mm")
-    return f"{_listing(100 * numbers.growth[0], '+.0f', ' %')}; most at {best}"
 
 
 CLAIMS = (
@@ -153,7 +131,7 @@ CLAIMS = (
         f"under at least one load an interior maximum, a drop of at least {100 * LEAST_DROP:g} % by 1 GPa, "
         f"and a change below {100 * LEVEL:g} % over the last decade",
         "drop",
-        _turns,
+        lambda numbers, speaks: np.asarray((_clear(numbers) & (numbers.levelling < LEVEL)).any(axis=-1)),
         _tell_drop,
     ),
     Claim(
@@ -162,8 +140,11 @@ CLAIMS = (
         f"a drop of at least {100 * LEAST_DROP:g} % under every load with {TOUCHING_FORCE:g} N or more at the maximum, "
         "and under no other",
         "drop",
-        _turns_from_touching_force_on,
-        _tell_force,
+        lambda numbers, speaks: np.asarray(
+            (((numbers.force >= TOUCHING_FORCE) == _clear(numbers)) | ~speaks).all(axis=-1)
+            & _clear(numbers).any(axis=-1)
+        ),
+        lambda numbers: f"{_tell_drop(numbers)} at {_listing(numbers.force[0], '', ' N')}",
     ),
     Claim(
         "place",
@@ -179,8 +160,11 @@ CLAIMS = (
         "The response grows as the centre of contact moves from distal to proximal",
         "under every load the fabric set's mean response never falls from 0 to 30 mm",
         "growth",
-        _every(_grows),
-        _tell_centre,
+        _every(lambda numbers: np.asarray((numbers.growth > 0) & (numbers.setback <= 3.0 * ERROR))),
+        lambda numbers: (
+            f"{_listing(100 * numbers.growth[0], '+.0f', ' %')}; most at "
+            f"{_listing(1e3 * numbers.best_centre[0], '.0f', ' mm')}"
+        ),
     ),
     Claim(
         "depth",
@@ -324,7 +308,7 @@ def evaluate_claims(
         if freed := [name for name in names if name in (priors or {})]:
             raise InputError(f"{', '.join(freed)}: {why}")
     held = {**PAPER_CHANNELS._asdict(), **(fix or {})}
-    asked = TrialInputs(tuple(prior_sets), touches, fabrics, ratings, draws, seed, held, priors)
+    asked = tuple(prior_sets), touches, fabrics, ratings, draws, seed, held, priors
     # readings with the same membrane share its rates: the multipliers are the same under every prior set
     firing: dict[Membrane, Firing] = {}
     tasks = []
@@ -337,30 +321,19 @@ def evaluate_claims(
         return tuple(trial for some in workers.map(_judge, tasks) for trial in some)
 
 
-class TrialInputs(NamedTuple):
-    """Inputs shared by the trials under all readings."""
+def _judge(asked: tuple[Any, ...], name: str, readings: Readings, rates: Firing) -> list[Trial]:
+    """Return the trials under one set of readings, ordered by priors and then by kind of load.
 
-    prior_sets: tuple[str, ...]
-    touches: Mapping[str, tuple[Load, ...]]
-    fabrics: Fabrics
-    ratings: Ratings | None
-    draws: int
-    seed: int
-    held: Mapping[str, float]
-    priors: Mapping[str, Prior] | None
-
-
-def _judge(asked: TrialInputs, name: str, readings: Readings, rates: Firing) -> list[Trial]:
-    """Return the trials under one set of readings, ordered by priors and then by kind of load."""
-    benches = {
-        control: Bench(readings, loads, asked.fabrics, rates, asked.ratings) for control, loads in asked.touches.items()
-    }
+    The same was asked of all: prior sets, touches, fabrics, ratings, draws, seed, fixed values and priors.
+    """
+    prior_sets, touches, fabrics, ratings, draws, seed, held, priors = asked
+    benches = {control: Bench(readings, loads, fabrics, rates, ratings) for control, loads in touches.items()}
     trials = []
-    for prior_set in asked.prior_sets:
-        space = parameter_space((), asked.held, asked.priors, prior_set, readings.skin_displacement)
-        drawn = space.draw_prior(np.random.default_rng(asked.seed), asked.draws)
+    for prior_set in prior_sets:
+        space = parameter_space((), held, priors, prior_set, readings.skin_displacement)
+        drawn = space.draw_prior(np.random.default_rng(seed), draws)
         for control, bench in benches.items():
             median = bench.measure(space.touch(space.median[None]))
-            some = bench.measure(space.touch(drawn)) if asked.draws else None
+            some = bench.measure(space.touch(drawn)) if draws else None
             trials.append(Trial(name, prior_set, control, bench.loads, median, some, bench.rated))
     return trials

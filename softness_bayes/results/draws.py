@@ -318,9 +318,9 @@ def sampled_groups(density: Density, kept: Chains, theta: Array, data: str) -> G
 
 def turning_variables(turn: Inflection, shape: tuple[int, int], axis: str) -> dict[str, Variable]:
     """Return turning points of the response as variables along an axis of loads; draws have `shape` (chains, draws)."""
-    found = {}
-    for (name, factor, unit), values in zip(STORED.values(), turn, strict=True):
-        of_draws: NDArray[Any] = values.reshape(*shape, values.shape[-1])
+    found, fields = {}, list[NDArray[Any]](turn)
+    for (name, factor, unit), values in zip(STORED.values(), fields, strict=True):
+        of_draws = values.reshape(*shape, values.shape[-1])
         found[name] = Variable(of_draws.astype(np.int8) if factor is None else of_draws / factor, (axis,), unit)
     return found
 
