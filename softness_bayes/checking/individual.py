@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from softness_bayes.base.laws import Prior
 from softness_bayes.checking.identifiability import contraction, prior_moments
 from softness_bayes.checking.layout import UNCERTAIN
-from softness_bayes.likelihood.contract import RATER_EFFECTS, RATER_SPREADS
 from softness_bayes.likelihood.plate import SKIN
 from softness_bayes.parameters.declared import FABRIC_MODULUS
 from softness_bayes.parameters.priors import parse_prior
-from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF
+from softness_bayes.touch.finger_grid import EFFECT_OF
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -90,43 +89,24 @@ def modulus_table(tree: xr.DataTree) -> pd.DataFrame | None:
     return pd.DataFrame(columns, index=pd.Index(posterior[UNCERTAIN].values.astype(str), name="fabric"))
 
 
-def finger_table(tree: xr.DataTree) -> pd.DataFrame | None:
-    """Return the posterior of each rater's finger; None if all raters have the typical one.
+def deviation_table(tree: xr.DataTree, effects: Mapping[str, str], spreads: Mapping[str, str]) -> pd.DataFrame | None:
+    """Return the posterior of each rater's own quantities: of fingers, or of answers; None if all raters are typical.
 
     Parameters
     ----------
     tree
         The groups of a result.
+    effects, spreads
+        Variables of the raters' deviations, and of their standard deviation, by quantity.
 
     Returns
     -------
     DataFrame
-        For each quantity that differs between raters a row for the population (a finger drawn from it) and one for
+        For each quantity that differs between raters a row for the population (a rater drawn from it) and one for
         each rater: participant and quantity (index); median, low and high (90 % limits) in the quantity's unit;
-        ratio, the rater's median over that of the typical finger; and pressed, whether plate forces on this rater's
-        finger also inform the quantity.
+        ratio, the rater's median over that of the typical one; and of fingers pressed, whether plate forces on this
+        rater's finger also inform the quantity.
     """
-    return _rater_table(tree, EFFECT_OF, SPREAD_OF)
-
-
-def answer_table(tree: xr.DataTree) -> pd.DataFrame | None:
-    """Return the posterior of each rater's exponent and noise; None if all raters have the typical ones.
-
-    Parameters
-    ----------
-    tree
-        The groups of a result.
-
-    Returns
-    -------
-    DataFrame
-        As for `finger_table`, for gamma and varsigma, without `pressed`.
-    """
-    table = _rater_table(tree, RATER_EFFECTS, RATER_SPREADS)
-    return None if table is None else table.drop(columns="pressed")
-
-
-def _rater_table(tree: xr.DataTree, effects: Mapping[str, str], spreads: Mapping[str, str]) -> pd.DataFrame | None:
     posterior = tree["posterior"].to_dataset()
     names = [name for name, effect in effects.items() if effect in posterior]
     if not names:
@@ -143,11 +123,10 @@ def _rater_table(tree: xr.DataTree, effects: Mapping[str, str], spreads: Mapping
         anyone = spread * rng.standard_normal(np.broadcast_shapes(typical.shape, spread.shape))
         each = posterior[effects[name]].values.reshape(-1, people.size)
         deviations = {POPULATION: anyone, **dict(zip(people.tolist(), each.T, strict=True))}
-        pressed = set(fingers) if name in SKIN else set()
-        rows += [
-            {"participant": who, "quantity": name, **_limits(name, typical, deviation), "pressed": who in pressed}
-            for who, deviation in deviations.items()
-        ]
+        for who, deviation in deviations.items():
+            rows.append({"participant": who, "quantity": name, **_limits(name, typical, deviation)})
+            if effects is EFFECT_OF:
+                rows[-1]["pressed"] = name in SKIN and who in fingers
     return pd.DataFrame(rows).set_index(["participant", "quantity"])
 
 

@@ -455,7 +455,7 @@ def rater_sentences(table: pd.DataFrame) -> list[str]:
     Parameters
     ----------
     table
-        From `finger_table` or `answer_table`.
+        From `deviation_table`.
     """
     said = []
     for name, part in table.groupby(level="quantity", sort=False):

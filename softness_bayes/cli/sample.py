@@ -317,9 +317,10 @@ def status(directory: Path) -> None:
     directory : DIR
     """
     from softness_bayes.base.files.run_files import CHECKPOINT, RUNS
-    from softness_bayes.runs.rank_table import is_calibration
+    from softness_bayes.runs.batch import ASKED
+    from softness_bayes.runs.rank_table import MANIFEST
 
-    if is_calibration(directory):
+    if (directory / MANIFEST).is_file() and (directory / ASKED).is_file():
         lines = _of_a_calibration(directory)
     elif (directory / RUNS).is_dir() and not (directory / CHECKPOINT).exists():
         lines = _of_a_study(directory)
@@ -347,17 +348,20 @@ def _of_a_run(directory: Path) -> list[str]:
 
 def _of_a_calibration(directory: Path) -> list[str]:
     """Return the numbers of finished replicates and of those that are left, in lines."""
-    from softness_bayes.runs.rank_table import progress_of
+    from softness_bayes.base.files.lock import is_held
+    from softness_bayes.runs.batch import LOCK, read_asked
+    from softness_bayes.runs.rank_table import RANKS, read_replicates
 
-    now = progress_of(directory)
-    asked = max(now.asked, now.finished)
-    size, left = some_of(now.finished, asked, "replicate"), asked - now.finished
-    state = "no process is running it"
-    if now.running:
-        state = "a process is running it" + ("" if math.isnan(now.seconds) else f", about {now.seconds:.0f} s to go")
+    asked = read_asked(directory)
+    done = [one for index, one in read_replicates(directory).items() if index < asked.fits]
+    fits, unconverged = max(asked.fits, len(done)), sum(not one.converged for one in done)
+    seconds = asked.seconds_left(len(done), (directory / RANKS).stat().st_mtime if done else 0.0)
+    size, left, state = some_of(len(done), fits, "replicate"), fits - len(done), "no process is running it"
+    if is_held(directory / LOCK):
+        state = "a process is running it" + ("" if math.isnan(seconds) else f", about {seconds:.0f} s to go")
     elif left:
         state = f"interrupted, {state}; the same 'softness-bayes calibrate' runs the other {left}"
-    return [f"{directory}: {size} finished, {now.unconverged} did not converge", state]
+    return [f"{directory}: {size} finished, {unconverged} did not converge", state]
 
 
 def _of_a_study(directory: Path) -> list[str]:

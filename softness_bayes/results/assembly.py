@@ -21,7 +21,7 @@ from softness_bayes.checking.inflection import curve_scene
 from softness_bayes.checking.layout import PEOPLE_ORDERS
 from softness_bayes.checking.provenance import PRIOR, Provenance, family_of
 from softness_bayes.data import Experiment, Measurements, Ratings
-from softness_bayes.likelihood.contract import RowsLeftOut
+from softness_bayes.likelihood.contract import RATER_EFFECTS, RATER_SPREADS, RowsLeftOut
 from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.likelihood.scales import PAIRS
 from softness_bayes.model.build import ExperimentModel, SkinModel
@@ -50,7 +50,7 @@ from softness_bayes.results.summary import rater_table, reweighted, summarise, w
 from softness_bayes.sampler.chains import Chains
 from softness_bayes.sampler.sampling import Sampled
 from softness_bayes.sampler.workers import Workers
-from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -153,7 +153,7 @@ def _rated(
     if reweight:
         draws = replace(draws, log_weight=comparison().log_weight)
     few, curves = draws.subset(draws.replicates), draws.subset(draws.curves)
-    trains = workers.later(_trains, rng.spawn(1)[0], draws.touch(curves.theta))
+    noise = rng.spawn(1)[0]
     Stage.REPLICATES.log()
     replicated = Part(replicated_groups(rng, draws))
     others = other_data(rng, experiment, posterior, (theta, few.theta, draws.prior[: draws.replicates], curves.theta))
@@ -167,7 +167,7 @@ def _rated(
     turning = predictions.turning_groups(draws, errors[0])
     turn, touched = predicted["inflection_e_fab_kpa"].values[0] * 1e3, draws.subset(predictions.ILLUSTRATED).theta
     shown = predictions.touch_illustration(rng, draws.scene, draws.touch(touched), turn)
-    fired = predictions.membrane_illustration(draws.scene, draws.touch(curves.theta), trains())
+    fired = predictions.membrane_illustration(noise, draws.scene, draws.touch(curves.theta))
     Stage.CHECKS.log()
     compared, effects = comparison(), draws.model.named_effects(draws.effects)
     absent = () if "omega" in posterior.names else ("fabric_effect",)
@@ -233,14 +233,13 @@ def _left_out(posterior: Posterior, theta: Array) -> tuple[RowsLeftOut, Array]:
     return ratings.left_out(*at), ratings.log_likelihood_participants(*at)
 
 
-def _trains(posterior: Posterior, rng: np.random.Generator, parameters: TouchParameters) -> tuple[Array, Array]:
-    return predictions.example_trains(rng, posterior.scene, parameters)
-
-
 def _tables(draws: RatedDraws, tree: xr.DataTree, inflection: Mapping[str, Variable]) -> dict[str, pd.DataFrame]:
     """Return the tables of a result by name, apart from its summary; `inflection` is the group of that name."""
     ratings = draws.experiment.ratings
-    raters = {run_files.FINGERS: individual.finger_table(tree), run_files.ANSWERS: individual.answer_table(tree)}
+    raters = {
+        run_files.FINGERS: individual.deviation_table(tree, EFFECT_OF, SPREAD_OF),
+        run_files.ANSWERS: individual.deviation_table(tree, RATER_EFFECTS, RATER_SPREADS),
+    }
     tables = {
         "directions": direction_table(tree),
         "predictive_checks": check_table(tree),

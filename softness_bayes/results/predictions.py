@@ -231,10 +231,11 @@ def touch_illustration(
     return of_run.Part({ILLUSTRATIONS: variables}, coordinates)
 
 
-def example_trains(rng: np.random.Generator, scene: Scene, parameters: TouchParameters) -> tuple[Array, Array]:
-    """Return example trains of spikes at the medians of draws.
+def membrane_illustration(rng: np.random.Generator, scene: Scene, parameters: TouchParameters) -> of_run.Part:
+    """Return firing rate as a function of current for every draw, and example trains of spikes.
 
-    Their currents lie at `EXCESSES` of the way from median rheobase to median alpha.
+    The currents go from below the lowest rheobase to the largest alpha of the draws' central 95 %; those of the trains
+    lie at `EXCESSES` of the way from median rheobase to median alpha.
 
     Parameters
     ----------
@@ -244,37 +245,6 @@ def example_trains(rng: np.random.Generator, scene: Scene, parameters: TouchPara
         The scene of the data.
     parameters
         Draws of the parameters of the forward model, shape (draws,).
-
-    Returns
-    -------
-    current, spikes : ndarray
-        Currents [µA/cm²], shape (trains,); and times of the spikes [ms], shape (trains, spikes), NaN after the last.
-    """
-    curve = scene.firing.curves(parameters.channels, parameters.alpha)
-    alpha, least = float(np.median(parameters.alpha)), float(np.median(curve.rheobase))
-    channels = Channels(*(float(np.median(value)) for value in parameters.channels))
-    given = least + np.array(EXCESSES) * (alpha - least) if least < alpha else np.array([alpha])
-    how = channels, scene.readings.membrane, DURATION, scene.firing.noise, rng, TRAIN_TOLERANCE
-    trains = [spike_times(float(each), *how) for each in given]
-    spikes = np.full((len(trains), max(1, *(train.size for train in trains))), np.nan)
-    for row, train in zip(spikes, trains, strict=True):
-        row[: train.size] = train
-    return given, spikes
-
-
-def membrane_illustration(scene: Scene, parameters: TouchParameters, trains: tuple[Array, Array]) -> of_run.Part:
-    """Return firing rate as a function of current for every draw, and example trains.
-
-    The currents go from below the lowest rheobase to the largest alpha of the draws' central 95 %.
-
-    Parameters
-    ----------
-    scene
-        The scene of the data.
-    parameters
-        Draws of the parameters of the forward model, shape (draws,).
-    trains
-        Example trains at these draws (`example_trains`).
     """
     curve = scene.firing.curves(parameters.channels, parameters.alpha)
     rheobase = np.broadcast_to(curve.rheobase, np.shape(parameters.alpha))
@@ -283,7 +253,14 @@ def membrane_illustration(scene: Scene, parameters: TouchParameters, trains: tup
     current = np.linspace(max(0.0, begin - 0.25 * (top - begin)) if begin < top else 0.0, top, CURRENTS)
     shape = rheobase.size, CURRENTS
     rate = np.broadcast_to(curve.rate(np.broadcast_to(current, shape)), shape)
-    given, spikes = trains
+    alpha, least = float(np.median(parameters.alpha)), float(np.median(curve.rheobase))
+    channels = Channels(*(float(np.median(value)) for value in parameters.channels))
+    given = least + np.array(EXCESSES) * (alpha - least) if least < alpha else np.array([alpha])
+    how = channels, scene.readings.membrane, DURATION, scene.firing.noise, rng, TRAIN_TOLERANCE
+    trains = [spike_times(float(each), *how) for each in given]
+    spikes = np.full((len(trains), max(1, *(train.size for train in trains))), np.nan)
+    for row, train in zip(spikes, trains, strict=True):
+        row[: train.size] = train
     examples = {
         "spike_time_ms": of_run.Variable(spikes, ("train", "spike"), "ms"),
         "train_current_ua_cm2": of_run.Variable(given, ("train",), "µA/cm²"),

@@ -238,12 +238,12 @@ class Result(Stored):
 
     @property
     def fingers(self) -> pd.DataFrame | None:
-        """Posterior of individual fingers; None if all raters have the typical one (see `finger_table`)."""
+        """Posterior of individual fingers; None if all raters have the typical one (see `deviation_table`)."""
         return self.tables[FINGERS].copy() if FINGERS in self.tables else None
 
     @property
     def answers(self) -> pd.DataFrame | None:
-        """Posterior of individual exponents and noise; None if all raters have typical ones (see `answer_table`)."""
+        """Posterior of individual exponents and noise; None if all raters have typical ones (see `deviation_table`)."""
         return self.tables[ANSWERS].copy() if ANSWERS in self.tables else None
 
     def predict(

@@ -16,6 +16,8 @@ from softness_bayes import __version__
 from softness_bayes.base import ranges
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.files.outputs import require_outputs
+from softness_bayes.base.files.records import as_json
+from softness_bayes.base.files.whole import write_whole
 from softness_bayes.checking.calibration import DRAWS, Replicate
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.likelihood.models import rating_model
@@ -250,11 +252,15 @@ def replicated(
     )
     directory.mkdir(parents=True, exist_ok=True)
     with batch(directory):
-        rank_table.write_manifest(directory, problem.manifest)
+        if not (directory / rank_table.MANIFEST).exists():
+            manifest = as_json(problem.manifest, rank_table.MANIFEST, indent=1) + "\n"
+            write_whole(directory / rank_table.MANIFEST, manifest.encode())
         done = rank_table.read_replicates(directory)
         if earlier is not None:
-            draw = problem.posterior, run.seed
-            redraw = lambda index: true_values(*draw, index, problem.truths)  # noqa: E731
+
+            def redraw(index: int) -> dict[str, float]:
+                return true_values(problem.posterior, run.seed, index, problem.truths)
+
             done |= rank_table.earlier_replicates(earlier, problem.manifest, redraw, done)
             rank_table.write_replicates(directory, done)
         missing = [index for index in range(count) if index not in done]

@@ -12,19 +12,17 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from softness_bayes.base.errors import InputError
-from softness_bayes.base.files.lock import is_held
 from softness_bayes.base.files.outputs import write_outputs
 from softness_bayes.base.files.records import as_json, from_json, parse_json
 from softness_bayes.base.files.spreadsheet import csv_of
-from softness_bayes.base.files.whole import write_whole
 from softness_bayes.base.readable import counted
 from softness_bayes.checking.calibration import DRAWS, Calibration, Replicate, verdict
-from softness_bayes.runs.batch import ASKED, LOCK, read_asked
+from softness_bayes.runs.batch import ASKED, LOCK
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -171,41 +169,6 @@ def _replicate(row: Mapping[str, str]) -> Replicate:
     if outside := [rank for rank in one.rank if not 0 <= rank <= DRAWS]:
         raise ValueError(f"rank {outside[0]}, expected 0 to {DRAWS}")
     return one
-
-
-class CalibrationProgress(NamedTuple):
-    """Progress of a calibration, read without interfering with it."""
-
-    asked: int
-    """Number of requested replicates."""
-    finished: int
-    unconverged: int
-    """Number of finished ones that did not converge."""
-    running: bool
-    """True if a process is calibrating."""
-    seconds: float
-    """Estimated remaining time [s]; nan if no replicate has finished since the last call."""
-
-
-def is_calibration(directory: Path) -> bool:
-    """Return whether a directory contains a calibration."""
-    return (directory / MANIFEST).is_file() and (directory / ASKED).is_file()
-
-
-def progress_of(directory: Path) -> CalibrationProgress:
-    """Return the progress of a calibration."""
-    asked = read_asked(directory)
-    done = [one for index, one in read_replicates(directory).items() if index < asked.fits]
-    left = asked.seconds_left(len(done), (directory / RANKS).stat().st_mtime if done else 0.0)
-    unconverged = sum(not one.converged for one in done)
-    return CalibrationProgress(asked.fits, len(done), unconverged, is_held(directory / LOCK), left)
-
-
-def write_manifest(directory: Path, manifest: Mapping[str, Any]) -> None:
-    """Write the settings of a calibration, unless the same ones are already there."""
-    require_alike(directory, manifest)
-    if not (directory / MANIFEST).exists():
-        write_whole(directory / MANIFEST, (as_json(manifest, MANIFEST, indent=1) + "\n").encode())
 
 
 def require_alike(directory: Path, manifest: Mapping[str, Any]) -> None:

@@ -8,7 +8,6 @@ from scipy.stats import kstest, norm
 from softness_bayes.results.predictions import (
     EXCESSES,
     ILLUSTRATIONS,
-    example_trains,
     membrane_illustration,
     touch_illustration,
 )
@@ -100,7 +99,7 @@ def test_a_touch_is_kept_as_quantiles_over_the_draws(scene, draws, rng):
 
 
 def test_rate_curves_and_trains_are_those_of_the_membrane(scene, draws, rng):
-    groups, axes, *_ = membrane_illustration(scene, draws, example_trains(rng, scene, draws))
+    groups, axes, *_ = membrane_illustration(rng, scene, draws)
     current, rate = axes["current_ua_cm2"], groups["predictions"]["firing_rate_hz"].values
     curve = scene.firing.curve
     assert rate.shape == (1, 12, current.size)
@@ -118,7 +117,7 @@ def test_rate_curves_and_trains_are_those_of_the_membrane(scene, draws, rng):
 
 def test_a_silent_membrane_has_an_empty_train(scene, draws, rng):
     quiet = draws._replace(alpha=np.full(12, 5.0))
-    groups, axes, *_ = membrane_illustration(scene, quiet, example_trains(rng, scene, quiet))
+    groups, axes, *_ = membrane_illustration(rng, scene, quiet)
     assert np.isnan(groups[ILLUSTRATIONS]["spike_time_ms"].values).all()
     assert groups["predictions"]["firing_rate_hz"].values.max() == 0
     assert axes["current_ua_cm2"][[0, -1]].tolist() == [0.0, 5.0]

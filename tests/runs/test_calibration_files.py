@@ -33,7 +33,6 @@ from softness_bayes.runs.rank_table import (
     MANIFEST,
     RANKS,
     Calibrated,
-    progress_of,
     rank_table,
     read_replicates,
     write_replicates,
@@ -398,9 +397,7 @@ def three_of_five(tmp_path):
 
 def test_status_of_a_calibration(three_of_five):
     with Lock(three_of_five / LOCK):
-        found, said = progress_of(three_of_five), call("status", three_of_five).stdout
-    assert (found.asked, found.finished, found.unconverged, found.running) == (5, 3, 1, True)
-    assert found.seconds == pytest.approx(8.0, abs=0.01)
+        said = call("status", three_of_five).stdout
     assert "3 of 5 replicates are finished, 1 did not converge" in said
     assert "a process is running it, about 8 s to go" in said
     interrupted = call("status", three_of_five)
