@@ -109,8 +109,12 @@ def psis(log_ratios: ArrayLike) -> tuple[FloatArray, FloatArray]:
     draws = log_weights.shape[-1]
     tail = math.ceil(min(draws / 5, 3 * math.sqrt(draws)))
     uneven = np.ptp(np.sort(log_weights, axis=-1)[:, -tail:], axis=-1) > 0
-    if uneven.any():
-        log_weights[uneven], pareto_k[uneven] = _psis(log_weights[uneven])
+    if uneven.any() and _next_line():
+        from arviz_stats.base import array_stats  # it takes log-likelihoods
+
+        log_weights[uneven], pareto_k[uneven] = array_stats.psislw(-log_weights[uneven], axis=-1)
+    elif uneven.any():
+        log_weights[uneven], pareto_k[uneven] = _arviz().psislw(log_weights[uneven])
     return log_weights - np.logaddexp.reduce(log_weights, axis=-1, keepdims=True), pareto_k
 
 
@@ -231,14 +235,6 @@ def for_arviz(tree: xarray.DataTree) -> Any:
         return tree
     groups = {name: child.to_dataset() for name, child in tree.children.items()}
     return _arviz().InferenceData(attrs=dict(tree.attrs), **groups)
-
-
-def _psis(log_ratios: FloatArray) -> Any:
-    if not _next_line():
-        return _arviz().psislw(log_ratios)
-    from arviz_stats.base import array_stats
-
-    return array_stats.psislw(-log_ratios, axis=-1)  # takes log-likelihoods
 
 
 def _enough(chains: ArrayLike) -> bool:

@@ -153,17 +153,12 @@ class Calibration:
     @property
     def least_width(self) -> float:
         """Smallest factor of a too narrow posterior that these replicates detect nine times in ten."""
-        return least_fault(self._independent, self.draws, self.threshold, "width")
+        return least_fault(len(self.rank) - self.exchangeable, self.draws, self.threshold, "width")
 
     @property
     def least_shift(self) -> float:
         """Smallest shift of a posterior, in its standard deviations, that is detected as often."""
-        return least_fault(self._independent, self.draws, self.threshold, "shift")
-
-    @property
-    def _independent(self) -> int:
-        """Number of replicates with nearly independent draws."""
-        return len(self.rank) - self.exchangeable
+        return least_fault(len(self.rank) - self.exchangeable, self.draws, self.threshold, "shift")
 
     @property
     def enough(self) -> bool:

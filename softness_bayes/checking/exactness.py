@@ -54,14 +54,9 @@ class Exactness:
     rates: str = EXACT_RATES
 
     @property
-    def checked(self) -> bool:
-        """True if any draw was compared; without draws, the numbers are NaN."""
-        return self.difference.size > 0
-
-    @property
     def sd(self) -> float:
         """Standard deviation of the differences; a common offset is irrelevant."""
-        return float(self.difference.std()) if self.checked else np.nan
+        return float(self.difference.std())
 
     @property
     def certain(self) -> bool:
@@ -84,13 +79,13 @@ class Exactness:
     @property
     def largest(self) -> float:
         """Largest deviation of a difference from their mean."""
-        return float(np.abs(self.difference - self.difference.mean()).max()) if self.checked else np.nan
+        return float(np.abs(self.difference - self.difference.mean()).max())
 
     @property
     def efficiency(self) -> float:
         """Effective sample size of the weighted draws divided by their number."""
         weight = np.exp(self.log_weight)
-        return float(weight.sum() ** 2 / (weight**2).sum() / weight.size) if self.checked else np.nan
+        return float(weight.sum() ** 2 / (weight**2).sum() / weight.size)
 
     @property
     def exact_enough(self) -> bool:
@@ -115,8 +110,6 @@ def compare_likelihoods(
         Description of the firing rates in the exact log-likelihood.
     """
     difference = exact - fast
-    if not difference.size:
-        return Exactness(difference, difference, np.nan, np.empty(0), names, rates)
     (log_weight,), (k,) = arviz_bridge.psis(difference[None])
     weight = np.exp(log_weight)[:, None]
     spread = theta.std(axis=0)

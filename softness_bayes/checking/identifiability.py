@@ -347,16 +347,13 @@ def direction_table(tree: xr.DataTree) -> pd.DataFrame:
         ("width", lambda one: one.width),
     ):
         table[column] = [None if one is None else of(one) for one in products]
+    width = 100.0 * np.sqrt(np.maximum(1.0 - found.contraction, 0.0))
     table["meaning"] = [
-        _open(told) if one is None else one.meaning(names)
-        for one, told in zip(products, found.contraction, strict=True)
+        f"not informed: {share:.0f} % as wide as under the prior" if one is None else one.meaning(names)
+        for one, share in zip(products, width, strict=True)
     ]
     table.index = pd.RangeIndex(1, len(names) + 1, name="direction")
     return table
-
-
-def _open(contraction: float) -> str:
-    return f"not informed: {100.0 * np.sqrt(max(1.0 - contraction, 0.0)):.0f} % as wide as under the prior"
 
 
 def _log_density(tree: xr.DataTree, group: str) -> Array:

@@ -258,9 +258,9 @@ def _fall(beyond: pd.Series) -> str:
 # the fast model, and plate forces
 
 
-def exactness_sentence(exactness: Exactness) -> str:
+def exactness_sentence(exactness: Exactness | None) -> str:
     """Describe the difference between fast and exact log-likelihood and its effect on the posterior."""
-    if not exactness.checked:
+    if exactness is None:
         return "Not checked: a first look (--quick) does not compare the fast model with the exact one."
     most = ""
     if exactness.shift.size:

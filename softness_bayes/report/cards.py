@@ -128,10 +128,10 @@ def agreement_card(fit: Fit, ruler: str) -> Card:
     return Card("Does the model follow the ratings?", answer, standing, [sentence(one) for one in details if one])
 
 
-def fast_model_card(exactness: Exactness, errors: NumericalErrors) -> Card:
+def fast_model_card(exactness: Exactness | None, errors: NumericalErrors) -> Card:
     """Return the card on the effect of the fast forward model on the posterior."""
     answer, standing = "Not checked", Standing.NEUTRAL
-    if exactness.checked:
+    if exactness is not None:
         good = exactness.exact_enough
         answer, standing = ("Exact enough", Standing.GOOD) if good else ("Not exact enough", Standing.BAD)
     details = [
@@ -246,11 +246,13 @@ def recorded_card(result: Result) -> Card:
     return Card(question, answer, standing, [*map(sentence, result.recorded_sentences)])
 
 
-def exactness_of(result: Result) -> Exactness:
-    """Return the comparison with exact firing rates, from the differences that the result keeps."""
+def exactness_of(result: Result) -> Exactness | None:
+    """Return the comparison with exact firing rates, from the differences that the result keeps; None without any."""
     stats, draws = result.group("sample_stats"), result.group("posterior")
     difference = stats["exact_difference"].values
     compared = np.isfinite(difference)
+    if not compared.any():
+        return None
     sampled = result.group("log_prior").items()
     names = tuple(str(name) for name, density in sampled if density.dims == SAMPLE_DIMS)
     theta = np.stack([draws[name].values[compared] for name in names], axis=-1)

@@ -228,7 +228,7 @@ def facts_of(result: Result) -> Facts:
         copied=copied,
         remedies=_remedies(result),
         differ=ruler is None or bool(ruler["low"]["gain"] > 0.0),
-        exact=exactness_of(result).exact_enough,
+        exact=(compared := exactness_of(result)) is not None and compared.exact_enough,
         unreproduced=(*doubts(checks), *recorded),
         turns=tuple(Turn._make((*row, reproduced.get(row[0]))) for row in turns.itertuples(name=None)),
         fabrics=(float(fabrics.effective_modulus.min()) / 1e3, float(fabrics.effective_modulus.max()) / 1e3),

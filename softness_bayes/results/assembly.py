@@ -45,7 +45,7 @@ from softness_bayes.results.draws import (
     sampled_groups,
 )
 from softness_bayes.results.other_data import other_data
-from softness_bayes.results.run_checks import checked, compare_exactly, exactness_stats, numerical_errors, unchecked
+from softness_bayes.results.run_checks import checked, compare_exactly, exactness_stats, numerical_errors
 from softness_bayes.results.summary import rater_table, reweighted, summarise, with_covariates
 from softness_bayes.sampler.chains import Chains
 from softness_bayes.sampler.sampling import Sampled
@@ -148,9 +148,9 @@ def _rated(
     experiment, posterior, options = model.data, model.posterior, model.options
     means = workers.later(_means_of_people, experiment.ratings, options) if options.scale.model is None else None
     scale = Provenance(first.attributes).rating_model.rating_scale
-    comparison = compare_exactly(posterior, theta, workers, reweight) if exact else unchecked
+    comparison = compare_exactly(posterior, theta, workers, reweight) if exact else None
     draws = RatedDraws.of(experiment, posterior, scale, kept, theta, rng, workers, share)
-    if reweight:
+    if reweight and comparison is not None:
         draws = replace(draws, log_weight=comparison().log_weight)
     few, curves = draws.subset(draws.replicates), draws.subset(draws.curves)
     noise = rng.spawn(1)[0]
@@ -169,7 +169,8 @@ def _rated(
     shown = predictions.touch_illustration(rng, draws.scene, draws.touch(touched), turn)
     fired = predictions.membrane_illustration(noise, draws.scene, draws.touch(curves.theta))
     Stage.CHECKS.log()
-    compared, effects = comparison(), draws.model.named_effects(draws.effects)
+    compared = None if comparison is None else comparison()
+    effects = draws.model.named_effects(draws.effects)
     absent = () if "omega" in posterior.names else ("fabric_effect",)
     own: of_run.Groups = {
         "posterior": {name: Variable(*one) for name, one in effects.items() if name not in absent},
@@ -196,7 +197,7 @@ def _rated(
     values = np.concatenate([theta, *(one[..., None] for one in levels.values())], axis=-1)
     summary = summarise((*posterior.names, *levels), _by_ensemble(kept, values))
     if draws.log_weight is not None:
-        summary = reweighted(summary, values[evenly(theta.shape, of_run.REWEIGHT_DRAWS)], compared.log_weight)
+        summary = reweighted(summary, values[evenly(theta.shape, of_run.REWEIGHT_DRAWS)], draws.log_weight)
     tables = _tables(draws, tree, turning["inflection"]) | dict(found.tables)
     if means is not None:
         people = means()

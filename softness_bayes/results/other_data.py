@@ -28,7 +28,7 @@ from softness_bayes.model.recordings.response import Afferent
 from softness_bayes.parameters.declared import EVERY_PARAMETER, PARAMETERS, PRIOR_SETS, RECORDED, SHAREABLE
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.results.draws import Groups, Part, Variable, joined
-from softness_bayes.sampler.starts import Optimum, climb
+from softness_bayes.sampler.starts import climb
 from softness_bayes.touch.contact import SkinDisplacement, plate_force
 from softness_bayes.touch.parameters import TouchParameters
 
@@ -214,7 +214,11 @@ def agreements(density: Density) -> tuple[Agreement, ...]:
     cannot hide a contradiction behind wider spreads.
     """
     sources = _sources(density)
-    modes = [(name, one.names, _mode(one)) for name, one in sources if len(sources) > 1]
+    modes = []
+    for name, alone in sources if len(sources) > 1 else ():
+        starts = [alone.space.coordinates(alone.space.median), *alone.draw_start(np.random.default_rng(0), STARTS)]
+        best = max((climb(alone, start) for start in starts), key=lambda optimum: optimum.log_density)
+        modes.append((name, alone.names, best))
     found = []
     for (first, one, here), (second, other, there) in combinations(modes, 2):
         shared = [name for name in one if name in other and name.removesuffix("_rec") in Afferent._fields]
@@ -257,9 +261,3 @@ def _alone(space: ParameterSpace, term: Term) -> Density:
     needs = {*term.model.needs}
     held = {name: value for name, value in space.held.items() if name in needs}
     return Density(ParameterSpace(tuple(p for p in space.sampled if p.name in needs), held), (term,))
-
-
-def _mode(density: Density) -> Optimum:
-    """Return the highest optimum uphill from the prior's median and some draws."""
-    starts = [density.space.coordinates(density.space.median), *density.draw_start(np.random.default_rng(0), STARTS)]
-    return max((climb(density, start) for start in starts), key=lambda optimum: optimum.log_density)

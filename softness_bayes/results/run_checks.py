@@ -127,13 +127,7 @@ def compare_exactly(
     return finish
 
 
-def unchecked() -> exactness.Exactness:
-    """Return the comparison of no draws."""
-    nothing = np.empty(0)
-    return exactness.compare_likelihoods((), nothing, nothing, nothing)
-
-
-def exactness_stats(compared: exactness.Exactness, shape: tuple[int, ...]) -> dict[str, Variable]:
+def exactness_stats(compared: exactness.Exactness | None, shape: tuple[int, ...]) -> dict[str, Variable]:
     """Return the differences of the log-likelihood and the log weights; NaN at draws that were not compared.
 
     Parameters
@@ -146,7 +140,8 @@ def exactness_stats(compared: exactness.Exactness, shape: tuple[int, ...]) -> di
     found = {}
     for name in ("difference", "log_weight"):
         everywhere = np.full(shape[:2], np.nan)
-        everywhere[evenly(shape, compared.difference.size)] = getattr(compared, name)
+        if compared is not None:
+            everywhere[evenly(shape, compared.difference.size)] = getattr(compared, name)
         found[f"exact_{name}"] = Variable(everywhere)
     return found
 
@@ -165,22 +160,37 @@ def numerical_errors(draws: RatedDraws) -> tuple[float, float]:
     return float(draws.scene.error(touch, modulus).max()), of_firing
 
 
-def checked(draws: RatedDraws, errors: tuple[float, float], compared: exactness.Exactness) -> dict[str, Any]:
-    """Return the provenance of `numerical_errors`, of the checks of residuals, of silence and of the direction."""
+def checked(draws: RatedDraws, errors: tuple[float, float], compared: exactness.Exactness | None) -> dict[str, Any]:
+    """Return the provenance of `numerical_errors`, of the checks of residuals, of silence and of the direction.
+
+    Silence is the share of silent draws, and of contacts outside the range of Hertz's theory.
+    """
+    told = {
+        f"exactness_{name}": np.nan if compared is None else float(getattr(compared, name))
+        for name in ("sd", "largest", "efficiency", "pareto_k")
+    }
     numerical = provenance.NumericalErrors(
         numerical_error=errors[0],
         inflection_least_drop=max(LEAST_DROP, 3.0 * errors[0]),
         firing_error=errors[1],
         exactness=exactness_sentence(compared),
-        exactness_sd=compared.sd,
-        exactness_largest=compared.largest,
-        exactness_efficiency=compared.efficiency,
-        exactness_pareto_k=compared.pareto_k,
         exact_reweight=draws.log_weight is not None,
+        **told,
+    )
+    stated = slice(draws.scene.n_conditions)
+    prior, posterior = draws.posterior.mean_rate(draws.prior)[..., stated], draws.mean_rate[..., stated]
+    beyond = draws.scene.beyond_hertz(*draws.touches(draws.subset(draws.curves).theta))
+    silence = provenance.Silence(
+        prior_silent_everywhere=float((prior == 0).all(axis=-1).mean()),
+        prior_silent_conditions=float((prior == 0).mean()),
+        posterior_silent_everywhere=float((posterior == 0).all(axis=-1).mean()),
+        posterior_silent_conditions=float((posterior == 0).mean()),
+        contact_beyond_half_radius=beyond.questionable,
+        contact_beyond_radius=beyond.meaningless,
     )
     direction = dict(zip(("direction_rises", "direction_rises_se"), draws.rises, strict=True))
     found = provenance.Findings(tuple(_findings(draws)))
-    return provenance.attributes_of(numerical, _silence(draws), found) | direction
+    return provenance.attributes_of(numerical, silence, found) | direction
 
 
 def _findings(draws: RatedDraws) -> list[provenance.Finding]:
@@ -212,18 +222,3 @@ def _findings(draws: RatedDraws) -> list[provenance.Finding]:
         parameters = draws.posterior.parameters_of(term, few.theta)
         found.append(checks.check_spreads(term, few.mean_rate, parameters, np.random.default_rng(0)))
     return found
-
-
-def _silence(draws: RatedDraws) -> provenance.Silence:
-    """Return the shares of silent draws and of contacts outside the range of Hertz's theory."""
-    stated = slice(draws.scene.n_conditions)
-    prior, posterior = draws.posterior.mean_rate(draws.prior)[..., stated], draws.mean_rate[..., stated]
-    beyond = draws.scene.beyond_hertz(*draws.touches(draws.subset(draws.curves).theta))
-    return provenance.Silence(
-        prior_silent_everywhere=float((prior == 0).all(axis=-1).mean()),
-        prior_silent_conditions=float((prior == 0).mean()),
-        posterior_silent_everywhere=float((posterior == 0).all(axis=-1).mean()),
-        posterior_silent_conditions=float((posterior == 0).mean()),
-        contact_beyond_half_radius=beyond.questionable,
-        contact_beyond_radius=beyond.meaningless,
-    )

@@ -50,7 +50,11 @@ def content_of(tree: xr.DataTree, tables: Mapping[str, pd.DataFrame]) -> bytes:
     """Return the content of the file of a result: its groups and tables, and the checksum of all."""
     import xarray as xr
 
-    text = xr.Dataset({name: ((), _text_of(table)) for name, table in tables.items()})
+    stored = {
+        name: {"index": list(table.index.names), "columns": table.reset_index().to_dict("list")}
+        for name, table in tables.items()
+    }
+    text = xr.Dataset({name: ((), as_json(table, "table")) for name, table in stored.items()})
     whole = tree.assign({TABLES: xr.DataTree(text)})
     whole.attrs = {**tree.attrs, "schema_version": float(SCHEMA)}
     return arviz_bridge.netcdf(whole, seal_of)
@@ -102,11 +106,6 @@ def read_file(path: Path, verify: bool = True, trust_code: bool = False) -> tupl
     texts = [v.values.ravel() for v in variables if v.dtype.kind not in "biufc"]
     require_trusted(str(path), [groups.attrs, *texts], trust_code)
     return groups, _tables(path, tree)
-
-
-def _text_of(table: pd.DataFrame) -> str:
-    columns = table.reset_index().to_dict("list")
-    return as_json({"index": list(table.index.names), "columns": columns}, "table")
 
 
 def _tables(path: Path, tree: xr.DataTree) -> dict[str, pd.DataFrame]:

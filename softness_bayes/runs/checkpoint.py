@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -13,12 +11,14 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
+import pandas as pd
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.files.lock import Lock, require_free
 from softness_bayes.base.files.outputs import Survey, remove, require_outputs, survey, told, write_outputs
 from softness_bayes.base.files.records import as_json
 from softness_bayes.base.files.run_files import CHECKPOINT, FILES, LOCK, NONFINITE, RUN
+from softness_bayes.base.files.spreadsheet import csv_of
 from softness_bayes.base.files.whole import is_part, write_whole
 from softness_bayes.runs import saved
 from softness_bayes.runs.identity import differences
@@ -252,7 +252,11 @@ class Checkpoint:
             remove(_earlier_run(self.directory, self._inputs))
         self._store(state, saved.Status.of(state, schedule, self.request))
         if state.nonfinite.count > (0 if before is None else before.nonfinite.count):
-            write_outputs(self.directory, {NONFINITE: _failure_table(state, target)}, RUN)
+            # the points in natural units, with the stage that failed
+            failures = state.nonfinite.failures
+            points = target.natural(np.array([one.point for one in failures]))
+            table = pd.DataFrame(points, pd.Index([one.stage for one in failures], name="stage"), target.names)
+            write_outputs(self.directory, {NONFINITE: csv_of(table)}, RUN)
 
     def _store(self, state: RunState, status: saved.Status) -> None:
         """Write the file of a state."""
@@ -323,13 +327,3 @@ def _earlier_run(directory: Path, inputs: Iterable[Path]) -> Survey:
     held = [path for path in paths if path.name == LOCK and path.is_file() and not path.is_symlink()]
     others = {path: "was not written by this command" for path in paths if path not in (*states, *held)}
     return Survey((*states, *beside.ours), {**others, **beside.others})
-
-
-def _failure_table(state: RunState, target: TargetDensity) -> str:
-    """Return the points at which the density could not be computed, in natural units, with the stage that failed."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(["stage", *target.names])
-    for failure in state.nonfinite.failures:
-        writer.writerow([failure.stage, *map(repr, target.natural(np.array(failure.point)).tolist())])
-    return buffer.getvalue()

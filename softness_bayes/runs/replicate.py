@@ -54,17 +54,12 @@ FABRIC, FABRICS = "fabric_effect", "fabric_spread"
 """Names of the first fabric's deviation, and of the standard deviation of all fabrics' deviations."""
 
 
-def right(observation: Likelihood) -> Likelihood:
-    """Return the likelihood unchanged, so that the fit assumes the correct model."""
-    return observation
-
-
 def replicate(
     posterior: Posterior,
     settings: Settings,
     seed: int,
     index: int,
-    assume: Callable[[Likelihood], Likelihood] = right,
+    assume: Callable[[Likelihood], Likelihood] = lambda correct: correct,
     truths: FloatArray | None = None,
 ) -> Replicate:
     """Draw parameters, simulate ratings, sample their posterior and rank the truth.
@@ -200,16 +195,6 @@ def ranks(truth: FloatArray, draws: FloatArray, rng: np.random.Generator) -> Ind
     return below + rng.integers(equal.sum(axis=0) + 1)
 
 
-def turns(load: object) -> str:
-    """Return the name of the presence, 0 or 1, of a turning point under a load."""
-    return f"turns[{load}]"
-
-
-def turning_point(load: object) -> str:
-    """Return the name of the position of the turning point, E_fab [kPa], 0 without one."""
-    return f"turning_point_kpa[{load}]"
-
-
 def quantities(posterior: Posterior, theta: FloatArray, effects: Effects) -> dict[str, FloatArray]:
     """Return the ranked quantities at some points, by name.
 
@@ -248,5 +233,6 @@ def _turning_points(posterior: Posterior, scene: Scene, theta: FloatArray) -> di
     turn = find_inflection(curves, 0.0, (float(scene.modulus.min()), float(scene.modulus.max())))
     interior = np.broadcast_to(turn.outcome == CurveShape.INTERIOR, (len(theta), len(groups.names)))
     place = np.where(interior, turn.modulus * 1e-3, 0.0)
-    found = {turns(load): interior[:, k].astype(float) for k, load in enumerate(groups.names)}
-    return found | {turning_point(load): place[:, k] for k, load in enumerate(groups.names)}
+    # presence of a turning point, 0 or 1, and its position, 0 without one
+    found = {f"turns[{load}]": interior[:, k].astype(float) for k, load in enumerate(groups.names)}
+    return found | {f"turning_point_kpa[{load}]": place[:, k] for k, load in enumerate(groups.names)}

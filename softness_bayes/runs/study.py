@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ import pandas as pd
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.files.outputs import require_outputs, write_outputs
 from softness_bayes.base.files.run_files import POSTERIOR, RUNS
-from softness_bayes.base.files.spreadsheet import csv_of
+from softness_bayes.base.files.spreadsheet import csv_of, table_of
 from softness_bayes.base.laws import Prior
 from softness_bayes.base.readable import some_of
 from softness_bayes.checking.pooling import LEAST_TABLES
@@ -224,8 +223,8 @@ def refused_tables(directory: Path) -> list[str]:
     path = directory / TABLES
     if not path.is_file():
         return []
-    with path.open(encoding="utf-8", newline="") as file:
-        return [row["table"] for row in csv.DictReader(file) if row.get("outcome") == REFUSED]
+    table = table_of(path)
+    return [str(name) for name in table["table"][table["outcome"] == REFUSED]]
 
 
 def _forest(name: str, one: population.PooledParameter) -> Forest:

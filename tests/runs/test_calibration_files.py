@@ -43,7 +43,6 @@ from softness_bayes.runs.replicate import (
     PARTICIPANTS,
     replicate,
     true_values,
-    turning_point,
 )
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings
@@ -323,7 +322,7 @@ def test_replicates_like_a_run(report_run, tmp_path):
         found = calibrate(result, None, run, 2, tmp_path / "out", settings=brief)
         again = finished(problem, 3, tmp_path / "out")
     assert problem.posterior.observation.values.size == result.group("observed_data")["rating"].size
-    assert {LOG_LIKELIHOOD, *map(turning_point, result.loads)} <= {*found.calibration.names}
+    assert {LOG_LIKELIHOOD, *(f"turning_point_kpa[{load}]" for load in result.loads)} <= {*found.calibration.names}
     assert (again.replicates, again.unfinished) == (found.replicates, (2,))
     for name, true in zip(found.replicates[0].names, found.replicates[0].truth, strict=True):
         if name in problem.posterior.names:

@@ -19,7 +19,12 @@ def storable(command: str) -> str:
     command
         As `shlex.join` writes it; Python keeps such bytes as surrogates, which a UTF-8 file cannot store.
     """
-    return _QUOTED.sub(lambda found: found[0] if _is_text(found[0]) else _escaped(found[0][1:-1]), command)
+
+    def written(found: re.Match[str]) -> str:
+        is_text = found[0].encode(errors="ignore").decode() == found[0]
+        return found[0] if is_text else _escaped(found[0][1:-1])
+
+    return _QUOTED.sub(written, command)
 
 
 def portable(word: str, here: Path) -> str:
@@ -47,14 +52,6 @@ def endings(paths: Sequence[Path]) -> list[str]:
         if len({*names}) == len({*paths}):
             break
     return names
-
-
-def _is_text(text: str) -> bool:
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 def _escaped(text: str) -> str:

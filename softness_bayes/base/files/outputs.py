@@ -20,7 +20,7 @@ from filelock import lock_descriptor
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.files.records import parse_json
-from softness_bayes.base.files.whole import discard, is_part, put, staged, sweep, write_whole
+from softness_bayes.base.files.whole import discard, is_part, put, staged, write_whole
 
 LISTING = ".softness-bayes.json"
 """Name of the list in its directory."""
@@ -174,7 +174,7 @@ def write_outputs(directory: Path, contents: Mapping[str, bytes | str], by: str)
     try:
         with _held(directory) as alone:
             if alone:
-                sweep(directory)
+                discard(filter(is_part, directory.iterdir()))  # of killed processes
             listing = Listing.read(directory)
             _refuse(directory, _objections(directory, [path for path in data if os.path.lexists(path)], (by,), ()))
             _write(directory, data, replace(listing, made=listing.made or directory in made), by)

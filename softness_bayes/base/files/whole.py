@@ -101,14 +101,6 @@ def discard(parts: Iterable[Path]) -> None:
             part.unlink()
 
 
-def sweep(directory: Path) -> None:
-    """Remove staged files of killed processes; the caller makes sure that no process is writing there."""
-    for path in directory.iterdir():
-        if is_part(path):
-            with suppress(OSError):
-                path.unlink()
-
-
 def is_part(path: Path) -> bool:
     """Return whether a file has the name of a staged file."""
     return _PART.fullmatch(path.name) is not None and path.is_file() and not path.is_symlink()
