@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.base import arviz_bridge
+from softness_bayes.checking.exactness import resample
 from softness_bayes.data import Ratings
 from softness_bayes.sampler.chain_statistics import ess_tail, r_hat_between
 
@@ -73,10 +74,9 @@ def reweighted(table: pd.DataFrame, draws: FloatArray, log_weight: FloatArray) -
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
     efficiency = 1.0 / (weight**2).sum() / weight.size
-    mean = weight @ draws
-    sd = np.sqrt(weight @ (draws - mean) ** 2 / (1.0 - (weight**2).sum()))
-    found = table.assign(mean=mean, sd=sd)
-    limits = [_weighted_hdi(column, weight, table["hdi_prob"].iloc[0]) for column in draws.T]
+    chosen = draws[resample(log_weight, len(draws))]
+    found = table.assign(mean=chosen.mean(axis=0), sd=chosen.std(axis=0, ddof=1))
+    limits = [arviz_bridge.hdi(column, table["hdi_prob"].iloc[0]) for column in chosen.T]
     found["hdi_low"], found["hdi_high"] = np.transpose(limits)
     # the weighted draws are a subset of all, and their effective number is reduced by the weights
     share = min(1.0, weight.size / float(table["ess_bulk"].max()))
@@ -85,17 +85,6 @@ def reweighted(table: pd.DataFrame, draws: FloatArray, log_weight: FloatArray) -
     for name in ("mcse_mean", "mcse_sd"):
         found[name] = table[name] / np.sqrt(share * efficiency)
     return found
-
-
-def _weighted_hdi(values: FloatArray, weight: FloatArray, probability: float) -> tuple[float, float]:
-    """Return the shortest interval between two draws that holds a given share of the weight."""
-    order = np.argsort(values)
-    ordered, cumulative = values[order], np.cumsum(weight[order])
-    last = np.searchsorted(cumulative, cumulative - weight[order] + probability)
-    inside = last < values.size
-    width = np.where(inside, ordered[np.minimum(last, values.size - 1)] - ordered, np.inf)
-    first = int(width.argmin())
-    return float(ordered[first]), float(ordered[min(last[first], values.size - 1)])
 
 
 def rater_table(tree: xr.DataTree, ratings: Ratings) -> pd.DataFrame | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -83,7 +83,7 @@ class PooledParameter:
 
 
 def pool_results(
-    results: Mapping[str, Result], parameters: Sequence[str] = (), spreads: Mapping[str, Prior] | None = None
+    results: Mapping[str, Result | Path], parameters: Sequence[str] = (), spreads: Mapping[str, Prior] | None = None
 ) -> dict[str, PooledParameter]:
     """Pool parameters of separate results one at a time, with separate priors for all other parameters.
 
@@ -93,7 +93,8 @@ def pool_results(
     Parameters
     ----------
     results
-        Finished runs by the names of their tables, at least two, all with the same prior of each parameter.
+        Finished runs, or their directories, by the names of their tables: at least two, all with the same prior of each
+        parameter. Directories are read one at a time: thousands of results would not fit into memory.
     parameters
         Names; by default those of `USUAL` that are sampled in all.
     spreads
@@ -105,13 +106,10 @@ def pool_results(
         If there are fewer than two results, nothing to pool, or a parameter is not sampled in all under the same prior.
     """
     require_parameters((*parameters, *(spreads or {})))
-    return pool_draws({table: draws_of(result, parameters) for table, result in results.items()}, parameters, spreads)
-
-
-def pool_draws(
-    drawn: Mapping[str, Mapping[str, Draws]], parameters: Sequence[str], spreads: Mapping[str, Prior] | None
-) -> dict[str, PooledParameter]:
-    """Pool the draws of each table (`draws_of`); other arguments and errors as for `pool_results`."""
+    drawn = {
+        table: draws_of(one if isinstance(one, Result) else Result.load(one), parameters)
+        for table, one in results.items()
+    }
     chosen = tuple(parameters) or tuple(one for one in USUAL if all(one in of_table for of_table in drawn.values()))
     if not chosen:
         raise InputError(f"study: none of {', '.join(USUAL)} is sampled in every table; name parameters to pool")
@@ -121,9 +119,16 @@ def pool_draws(
     for name in chosen:
         if held := [table for table, of_table in drawn.items() if name not in of_table]:
             raise InputError(f"study: {name} is not sampled in {held[0]}, and cannot be pooled")
-        prior = population_of(name, _prior(drawn, name), (spreads or {}).get(name))
-        tables = {table: of_table[name].on(prior) for table, of_table in drawn.items()}
-        found[name] = PooledParameter(EVERY_PARAMETER[name], prior, pool(tables, prior))
+        first, prior = next((table, of_table[name][0]) for table, of_table in drawn.items())
+        for table, of_table in drawn.items():
+            if str(of_table[name][0]) != str(prior):
+                raise InputError(
+                    f"study: the prior of {name} is {prior} in {first} and {of_table[name][0]} in {table}; a "
+                    "population needs the same in all"
+                )
+        population = population_of(name, prior, (spreads or {}).get(name))
+        tables = {table: of_table[name][1] for table, of_table in drawn.items()}
+        found[name] = PooledParameter(EVERY_PARAMETER[name], population, pool(tables, population))
     return found
 
 
@@ -159,45 +164,18 @@ def population_of(name: str, prior: Prior, spread: Prior | None = None) -> Popul
     return PopulationPrior(mean, spread, scale)
 
 
-class Draws(NamedTuple):
-    """A parameter of one result: what pooling needs of it."""
-
-    prior: Prior
-    values: Array
-    """At most `DRAWS` draws."""
-    log_prior: Array
-    effective: float
-
-    def on(self, prior: PopulationPrior) -> Separate:
-        """Return the draws on the population's scale."""
-        z = prior.scale.coordinate(self.values)
-        return Separate(z, self.log_prior + prior.scale.log_slope(z), min(self.effective, float(z.size)))
-
-
-def draws_of(result: Result, names: Sequence[str] = ()) -> dict[str, Draws]:
-    """Return those of some parameters, by default of `USUAL`, that a result has sampled."""
+def draws_of(result: Result, names: Sequence[str] = ()) -> dict[str, tuple[Prior, Separate]]:
+    """Return prior and draws of some parameters, by default of `USUAL`, that a result has sampled."""
     posterior, log_prior, found = result.group("posterior"), result.group("log_prior"), {}
     for name in names or USUAL:
         if name in posterior:
-            some = slice(None, None, -(-posterior[name].size // DRAWS))
-            # copies, because views would keep all draws in memory
-            values, density = (group[name].values.ravel()[some].copy() for group in (posterior, log_prior))
+            prior, some = result.provenance.priors[name], slice(None, None, -(-posterior[name].size // DRAWS))
+            values, density = (group[name].values.ravel()[some] for group in (posterior, log_prior))
+            scale = coordinate_for(EVERY_PARAMETER[name].cut(prior).support)
+            z = scale.coordinate(values)
             effective = float(result.table.loc[name, "ess_bulk"])  # type: ignore[arg-type]
-            found[name] = Draws(result.provenance.priors[name], values, density, effective)
+            found[name] = prior, Separate(z, density + scale.log_slope(z), min(effective, float(z.size)))
     return found
-
-
-def _prior(drawn: Mapping[str, Mapping[str, Draws]], name: str) -> Prior:
-    """Return the prior of a parameter, which must be the same in all results."""
-    priors = {table: of_table[name].prior for table, of_table in drawn.items()}
-    first, *others = priors
-    for other in others:
-        if str(priors[other]) != str(priors[first]):
-            raise InputError(
-                f"study: the prior of {name} is {priors[first]} in {first} and {priors[other]} in {other}; a "
-                "population needs the same in all"
-            )
-    return priors[first]
 
 
 def individual_table(pooled: Mapping[str, PooledParameter]) -> pd.DataFrame:

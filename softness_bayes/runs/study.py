@@ -23,7 +23,6 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.plotting.studies import Forest, forest_figure
 from softness_bayes.plotting.style import USUAL as USUAL_STYLE
 from softness_bayes.plotting.style import Style, files_of
-from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.runs import population
 from softness_bayes.runs.batch import batch, write_asked
@@ -212,9 +211,7 @@ def study(
                 progress(len(found), one)
     good, populations = [name for name in sorted(found) if found[name].outcome == CONVERGED], {}
     if len(good) >= LEAST_TABLES:
-        # one result at a time: thousands would not fit into memory
-        drawn = {name: population.draws_of(Result.load(runs / name), pool) for name in good}
-        populations = population.pool_draws(drawn, pool, spreads)
+        populations = population.pool_results({name: runs / name for name in good}, pool, spreads)
     return Study(tuple(found[name] for name in sorted(found)), populations, directory)
 
 
