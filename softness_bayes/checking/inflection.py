@@ -28,6 +28,9 @@ response with a smaller fall changes the mean rating of a fabric by less than it
 RANGE_FACTOR = 10.0
 """The range of a turning point: from a tenth of the smallest fabric to ten times the largest."""
 
+CURVE_POINTS = 161
+"""Number of grid points of a response curve."""
+
 TURNING_POINTS = 41
 """Number of grid points for the turning points of thousands of draws; their position is accurate to 0.1 %."""
 
@@ -90,7 +93,7 @@ class Inflection(NamedTuple):
     """True if an interior maximum lies within the moduli of the fabrics themselves."""
 
 
-def curve_scene(scene: Scene, points: int = 161, loads: Sequence[Load] | None = None) -> Scene:
+def curve_scene(scene: Scene, points: int = CURVE_POINTS, loads: Sequence[Load] | None = None) -> Scene:
     """Return the scene whose fabrics are a logarithmic grid over the range of turning points.
 
     Finger, readings and resolution are those of `scene`, and so are the loads unless others are given; the Poisson

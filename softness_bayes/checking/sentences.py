@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from softness_bayes.base.defaults import shown_of
 from softness_bayes.base.readable import number, percent
@@ -28,6 +29,7 @@ from softness_bayes.checking.exactness import HARMLESS, Exactness
 from softness_bayes.checking.identifiability import DETERMINED, INFORMED, SENSITIVE, SURPRISING
 from softness_bayes.checking.individual import FAR, POPULATION
 from softness_bayes.checking.modulus_errors import ERROR, LINEAR, clear_shifts
+from softness_bayes.checking.provenance import Agreement, Finding, PlateData, RecordedData
 from softness_bayes.checking.quantities import (
     DOUBTFUL,
     FALL,
@@ -39,11 +41,6 @@ from softness_bayes.checking.quantities import (
     turns_reproduced,
 )
 from softness_bayes.parameters.declared import PARAMETERS
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from softness_bayes.checking.provenance import Agreement, Finding, PlateData, RecordedData
 
 MUCH_WORSE = 1.5
 """Ratio of residual sds of recorded rates above which the model is much worse than the table of effects."""

@@ -5,17 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.base.readable import chance, number, percent
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.people.ruler import Fit
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 CLEAR, DECIDED = 0.9, 0.95
 """Probabilities from which a fabric is the highest rated, and from which the order of a pair is decided."""

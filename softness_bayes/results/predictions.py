@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.base.defaults import LIMITS
@@ -21,9 +21,6 @@ from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.profiles import touch_profiles
 from softness_bayes.touch.receptors import draw_receptors, kink_distances
 from softness_bayes.touch.scene import Discretisation, Scene
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Array = NDArray[np.float64]
 

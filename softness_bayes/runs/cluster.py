@@ -86,11 +86,30 @@ def cluster(scheduler: str) -> Iterator[Cluster]:
         Inside the ``with`` block, if the workers of a task were killed repeatedly or the scheduler ended.
     """
     try:
-        from distributed import KilledWorker
+        from distributed import Client, KilledWorker
         from distributed.comm import CommClosedError
+        from distributed.versions import VersionMismatchWarning
     except ImportError:
         raise InputError("--dask needs Dask: pip install 'softness-bayes[dask]'") from None
-    with _client(scheduler) as client:
+    address = scheduler
+    if "://" not in scheduler and not Path(scheduler).is_file():
+        raise InputError(
+            f"{scheduler}: no such scheduler file; expected one, or an address such as tcp://10.0.0.1:8786"
+        )
+    try:
+        if "://" not in scheduler:
+            address = str(parse_json(Path(scheduler).read_text(encoding="utf-8"))["address"])
+        _knock(address)
+        with warnings.catch_warnings():
+            # Dask's warning of other versions: they are refused, each by name
+            warnings.simplefilter("ignore", VersionMismatchWarning)
+            client = Client(address, timeout=TIMEOUT, set_as_default=False)
+    except (OSError, ValueError, KeyError, TypeError, ImportError, RuntimeError) as error:
+        why = next(iter(str(error).splitlines()), type(error).__name__)
+        raise InputError(
+            f"{scheduler}: no scheduler answers there ({why}); 'dask scheduler' starts one and prints its address"
+        ) from None
+    with client:
         require_workers(scheduler, reports(client))
         try:
             yield Cluster(client)
@@ -135,33 +154,6 @@ def require_workers(scheduler: str, found: Mapping[str, Worker | BaseException],
     if faults:
         more = f"; and {len(faults) - most} more" if len(faults) > most else ""
         raise InputError(f"{scheduler}: {'; '.join(faults[:most])}{more}")
-
-
-@contextmanager
-def _client(scheduler: str) -> Iterator[Client]:
-    from distributed import Client
-    from distributed.versions import VersionMismatchWarning
-
-    address = scheduler
-    if "://" not in scheduler and not Path(scheduler).is_file():
-        raise InputError(
-            f"{scheduler}: no such scheduler file; expected one, or an address such as tcp://10.0.0.1:8786"
-        )
-    try:
-        if "://" not in scheduler:
-            address = str(parse_json(Path(scheduler).read_text(encoding="utf-8"))["address"])
-        _knock(address)
-        with warnings.catch_warnings():
-            # Dask's warning of other versions: they are refused, each by name
-            warnings.simplefilter("ignore", VersionMismatchWarning)
-            client = Client(address, timeout=TIMEOUT, set_as_default=False)
-    except (OSError, ValueError, KeyError, TypeError, ImportError, RuntimeError) as error:
-        why = next(iter(str(error).splitlines()), type(error).__name__)
-        raise InputError(
-            f"{scheduler}: no scheduler answers there ({why}); 'dask scheduler' starts one and prints its address"
-        ) from None
-    with client:
-        yield client
 
 
 def _knock(address: str) -> None:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softness_bayes.checking.inflection import CurveShape, Inflection, curve_scene, find_inflection, response_curves
+from softness_bayes.checking.inflection import CURVE_POINTS, CurveShape, Inflection, turning_points
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.load_groups import LoadGroup, groups_of
@@ -69,7 +69,6 @@ def evaluate(density: Density, error: float = 0.0) -> Evaluation:
     if not (isinstance(density, Posterior) and isinstance(density.scene, Scene)):
         return Evaluation(values, log_likelihood, (), None)
     scene, groups = density.scene, groups_of(density.scene.loads)
-    grid = curve_scene(scene, loads=[scene.loads[k] for k in groups.at])
-    touch = type(p := space.touch(theta))(*(np.atleast_1d(value) for value in p))
-    ends = (float(scene.modulus.min()), float(scene.modulus.max()))
-    return Evaluation(values, log_likelihood, groups.called, find_inflection(response_curves(grid, touch), error, ends))
+    touch, loads = space.touch(theta).broadcast(1), [scene.loads[k] for k in groups.at]
+    turn = turning_points(scene, touch, error, CURVE_POINTS, loads)
+    return Evaluation(values, log_likelihood, groups.called, turn)

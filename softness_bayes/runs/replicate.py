@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.calibration import DRAWS, Replicate
-from softness_bayes.checking.inflection import CurveShape, curve_scene, find_inflection, response_curves
+from softness_bayes.checking.inflection import CURVE_POINTS, CurveShape, turning_points
 from softness_bayes.likelihood.contract import Effects, Likelihood, RatingsLikelihood
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.sampler.exchangeable import STEPS, exchangeable_draws
@@ -228,10 +228,9 @@ def quantities(posterior: Posterior, theta: FloatArray, effects: Effects) -> dic
 
 def _turning_points(posterior: Posterior, scene: Scene, theta: FloatArray) -> dict[str, FloatArray]:
     groups = groups_of(scene.loads)
-    grid = curve_scene(scene, loads=[scene.loads[k] for k in groups.at])
-    curves = response_curves(grid, posterior.space.touch(theta))
-    turn = find_inflection(curves, 0.0, (float(scene.modulus.min()), float(scene.modulus.max())))
-    interior = np.broadcast_to(turn.outcome == CurveShape.INTERIOR, (len(theta), len(groups.names)))
+    touch = posterior.space.touch(theta).broadcast(len(theta))
+    turn = turning_points(scene, touch, 0.0, CURVE_POINTS, [scene.loads[k] for k in groups.at])
+    interior = turn.outcome == CurveShape.INTERIOR
     place = np.where(interior, turn.modulus * 1e-3, 0.0)
     # presence of a turning point, 0 or 1, and its position, 0 without one
     found = {f"turns[{load}]": interior[:, k].astype(float) for k, load in enumerate(groups.names)}

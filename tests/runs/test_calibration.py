@@ -38,7 +38,6 @@ from softness_bayes.runs.replicate import (
     quantities,
     ranks,
     replicate,
-    right,
 )
 from softness_bayes.sampler.chains import Chains
 from softness_bayes.sampler.diagnostics import Goal, look
@@ -50,6 +49,11 @@ from support.fake_scene import fake_posterior
 from support.paths import ROOT
 
 # exact posteriors: slope and intercept of a line, known noise
+
+
+def right(observation):
+    """The model that the ratings were simulated from."""
+    return observation
 
 
 def line(rng, count, noise=1.0, sign=1.0, width=1.0):
