@@ -175,42 +175,93 @@ class Numbers(Kind):
         return ",".join(repr(float(number)).removesuffix(".0") for number in value)
 
 
+def deferred(place: str) -> Callable[..., Any]:
+    """Return a function that imports the one at MODULE:NAME when it is called."""
+    return lambda *given: later(place)(*given)
+
+
 class Names(Kind):
-    """Several names, separated by commas on the command line."""
+    """Several names, separated by commas on the command line.
+
+    Parameters
+    ----------
+    known
+        Function that returns the names in their order, or raises an error for an unknown one; by default all are known.
+    """
 
     metavar = "NAMES"
 
-    def accept(self, name: str, value: Any) -> Any:
-        """Return a tuple of names."""
-        require_kind(name, value, tuple, "a tuple of names, such as ('b',)")
-        return value
+    def __init__(self, known: Callable[[Sequence[str]], Any] = tuple) -> None:
+        self._known = known
 
-    def parse(self, text: str) -> tuple[str, ...]:
+    def accept(self, name: str, value: Any) -> Any:
+        """Return a tuple of known names."""
+        require_kind(name, value, tuple, "a tuple of names, such as ('b',)")
+        return self._known(value)
+
+    def parse(self, text: str) -> Any:
         """Return the names of a text such as b,m."""
-        return tuple(name.strip() for name in text.split(",") if name.strip())
+        return self._known(tuple(name.strip() for name in text.split(",") if name.strip()))
 
     def write(self, value: Sequence[str]) -> str:
         """Return the names, separated by commas."""
         return ",".join(value)
 
 
+def as_given(name: str, value: Any) -> Any:
+    """Return the value of a name as it was given."""
+    return value
+
+
+def as_number(name: str, value: Any) -> Any:
+    """Return the value of a name as a number; a text must be a finite one."""
+    return finite(value) if isinstance(value, str) else value
+
+
 class ByName(Kind):
-    """Values by name, given as NAME=VALUE, once for each name; in records a mapping."""
+    """Values by name, given as NAME=VALUE, once for each name; in records a mapping.
 
-    metavar = "NAME=VALUE"
+    Parameters
+    ----------
+    metavar, such_as
+        A value on the command line, and examples in Python.
+    value
+        Function that returns the value of a name, given as a text or as it is.
+    check
+        Function that raises an error if the values of a command line do not suit their names.
+    complete
+        Function that returns the words for an incomplete one.
+    of, made, parts
+        MODULE:NAME of a class of objects, function that makes one of values by name, and function that returns the
+        values of one; by default the mapping is the object.
+    """
+
     repeated = True
-    such_as = "a mapping, as in {'rating': 'softness'}"
 
-    def __init__(self, metavar: str = "") -> None:
-        self.metavar = metavar or self.metavar
+    def __init__(
+        self,
+        metavar: str = "NAME=VALUE",
+        such_as: str = "a mapping, as in {'rating': 'softness'}",
+        value: Callable[[str, Any], Any] = as_given,
+        check: Callable[[Any], Any] = dict,
+        complete: Callable[[str], Iterable[str]] = lambda incomplete: (),
+        of: str = "",
+        made: Callable[[Any], Any] = dict,
+        parts: Callable[[Any], Any] = dict,
+    ) -> None:
+        self.metavar, self.such_as, self.of = metavar, such_as, of
+        self.complete = complete  # type: ignore[method-assign, assignment]
+        self._value, self._check, self._made, self._parts = value, check, made, parts
 
     def accept(self, name: str, value: Any) -> Any:
-        """Return values by name."""
+        """Return an object of the class, or values by name."""
+        if self.of:
+            return super().accept(name, value)
         require_kind(name, value, Mapping, self.such_as)
-        return dict(value)
+        return self.restore(value)
 
     def parse(self, texts: Sequence[str]) -> Any:
-        """Return the values of texts such as b=80."""
+        """Return the object of texts such as b=80."""
         values: dict[str, Any] = {}
         for text in texts:
             name, _, value = (part.strip() for part in text.partition("="))
@@ -219,12 +270,12 @@ class ByName(Kind):
             if name in values:
                 raise InputError(f"{name!r} is given twice")
             try:
-                values[name] = self.parse_value(value)
+                values[name] = self._value(name, value)
             except ValueError as error:
                 raise InputError(f"{name}: {error}") from None
         if values:
-            self.check(values)
-        return values
+            self._check(values)
+        return self._made(values)
 
     def write(self, value: Any) -> list[str]:
         """Return one text for each name."""
@@ -234,28 +285,11 @@ class ByName(Kind):
 
     def store(self, value: Any) -> Any:
         """Return numbers and texts by name."""
-        return {name: one if isinstance(one, (int, float)) else str(one) for name, one in value.items()}
+        return {name: one if isinstance(one, (int, float)) else str(one) for name, one in self._parts(value).items()}
 
     def restore(self, stored: Any) -> Any:
-        """Return the value of numbers and texts by name."""
-        return {name: self.parse_value(one) if isinstance(one, str) else one for name, one in stored.items()}
-
-    def parse_value(self, text: str) -> Any:
-        """Return one value."""
-        return text
-
-    def check(self, values: dict[str, Any]) -> None:
-        """Raise InputError if the values of the command line do not suit their names."""
-
-
-class NumbersByName(ByName):
-    """Numbers by name."""
-
-    such_as = "a mapping from names to numbers, such as {'m': 2.0}"
-
-    def parse_value(self, text: str) -> float:
-        """Return a finite number."""
-        return finite(text)
+        """Return the object of numbers and texts by name."""
+        return self._made({name: self._value(name, one) for name, one in stored.items()})
 
 
 class FilePath(Kind):

@@ -314,7 +314,7 @@ def evaluate_claims(
     tasks = []
     for name, chosen in readings.items():
         if chosen.membrane not in firing:
-            space = parameter_space((), held, priors, prior_sets[0], chosen.skin_displacement)
+            space = parameter_space(held, priors, prior_sets[0], chosen.skin_displacement)
             firing[chosen.membrane] = firing_of(space.held, chosen.membrane)
         tasks.append((name, chosen, firing[chosen.membrane]))
     with Workers(asked, 1, executor) as workers:
@@ -330,7 +330,7 @@ def _judge(asked: tuple[Any, ...], name: str, readings: Readings, rates: Firing)
     benches = {control: Bench(readings, loads, fabrics, rates, ratings) for control, loads in touches.items()}
     trials = []
     for prior_set in prior_sets:
-        space = parameter_space((), held, priors, prior_set, readings.skin_displacement)
+        space = parameter_space(held, priors, prior_set, readings.skin_displacement)
         drawn = space.draw_prior(np.random.default_rng(seed), draws)
         for control, bench in benches.items():
             median = bench.measure(space.touch(space.median[None]))

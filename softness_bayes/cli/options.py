@@ -80,20 +80,8 @@ class Several(Kind):
         return tuple(self.kind.parse(text) for text in texts)
 
 
-class _Text(click.ParamType):
-    """Values of a kind that has texts of its own."""
-
-    name = "text"
-
-    def __init__(self, kind: Kind) -> None:
-        self._kind = kind
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        return _parsed(self._kind, value, param, ctx) if isinstance(value, str) else value
-
-
 class _Word(click.Choice[str]):
-    """Values of a kind that has few words, and perhaps installed or importable ones."""
+    """Values of a kind: a few words, and perhaps installed or importable ones; without words, any text."""
 
     def __init__(self, kind: Kind, choices: Iterable[str]) -> None:
         super().__init__(tuple(choices))
@@ -104,8 +92,10 @@ class _Word(click.Choice[str]):
 
         if not isinstance(value, str):
             return value
-        custom = self._kind.group and value not in self.choices and is_supplied(self._kind.group, value)
-        return _parsed(self._kind, value if custom else super().convert(value, param, ctx), param, ctx)
+        known = value in self.choices or not self.choices
+        if not known and not (self._kind.group and is_supplied(self._kind.group, value)):
+            value = super().convert(value, param, ctx)
+        return _parsed(self._kind, value, param, ctx)
 
 
 def _parsed(kind: Kind, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -188,9 +178,7 @@ def _option(one: Option, said: Mapping[str, tuple[str, str]], **changed: Any) ->
         del given["metavar"], given["shell_complete"]
     text = f"{text} Accepts {kind.range}." if isinstance(kind, Number) else text
     path = click.Path(path_type=Path) if isinstance(kind, FilePath) else None
-    return click.Option(
-        flags, type=path or (_Word(kind, choices) if choices else _Text(kind)), help=text, **given | changed
-    )
+    return click.Option(flags, type=path or _Word(kind, choices), help=text, **given | changed)
 
 
 def _completion(kind: Kind) -> Callable[..., list[str]] | None:

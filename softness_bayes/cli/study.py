@@ -15,7 +15,7 @@ from softness_bayes.cli.interrupts import keeping
 from softness_bayes.cli.options import Dask, Given, Out, command
 from softness_bayes.cli.running import command_line, executor_of
 from softness_bayes.cli.terminal import counting
-from softness_bayes.model.options import Laws, ModelOptions
+from softness_bayes.model.options import LAWS, ModelOptions
 from softness_bayes.results.run_options import DataFiles, RunOptions
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def study(
     files: Annotated[DataFiles, Given(without=("data", "compression", "afferents"))],
     model: Annotated[ModelOptions, Given(without=("noise",))],
     pool: Annotated[tuple[str, ...], Names()] = (),
-    spread: Annotated[dict[str, Any] | None, Laws()] = None,
+    spread: Annotated[dict[str, Any] | None, LAWS] = None,
     run: Annotated[RunOptions, Given("max_steps", "max_seconds", "processes", "seed")],
     dask: Dask = None,
     figures: bool = False,

@@ -6,11 +6,11 @@ import math
 import os
 import platform
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple, TypeVar
 
 import click
 
@@ -29,11 +29,13 @@ from softness_bayes.results.run_options import RunOptions
 if TYPE_CHECKING:
     import pandas as pd
 
-    from softness_bayes.bench.precision import Effort, Point
+    from softness_bayes.bench.precision import Effort
     from softness_bayes.checking.calibration import Replicate
     from softness_bayes.runs.rank_table import Calibrated
 
 COMPARISON = "compare.csv"
+
+Measured = TypeVar("Measured", bound=NamedTuple)
 
 
 @command
@@ -264,10 +266,14 @@ def bench(
     out
         Directory to write to.
     """
+    import pandas as pd
     from threadpoolctl import threadpool_limits
 
     from softness_bayes.base.files.outputs import require_outputs, write_outputs
+    from softness_bayes.base.files.spreadsheet import csv_of
+    from softness_bayes.bench import growth
     from softness_bayes.bench.precision import FULL, QUICK
+    from softness_bayes.bench.tables import sampled
 
     if scale and tables:
         raise InputError("bench: --scale and --tables measure different things; give one of them")
@@ -275,78 +281,42 @@ def bench(
     require_outputs(out, names, "bench", force)
     click.echo(f"this takes minutes; it then writes {', '.join(names)} to {out.resolve()}", err=True)
     with threadpool_limits(1):
-        if scale or tables:
-            contents = dict(zip(names, _whole_runs(quick) if scale else _tables(quick), strict=True))
+        if scale:
+            smallest = {table.what: table for table in reversed(growth.TABLES)}
+            grown = growth.grown([*reversed(smallest.values())] if quick else growth.TABLES)
+            table, figures = pd.DataFrame([*_told(grown)]), dict[str, bytes]()
+        elif tables:
+            table, figures = pd.DataFrame([*_told(sampled(quick))]), {}
         else:
-            contents = _speed_and_error(QUICK if quick else FULL)
-    write_outputs(out, contents, "bench")
+            table, figures = _speed_and_error(QUICK if quick else FULL)
+    shown: list[Iterable[object]] = [table.columns, ["---"] * len(table.columns), *table.itertuples(index=False)]
+    lines = [f"| {' | '.join([_short(value) for value in row])} |\n" for row in shown]
+    contents = (csv_of(table, index=False), f"{''.join(lines)}\nMeasured on: {_machine()}.\n")
+    write_outputs(out, {**dict(zip(names, contents, strict=False)), **figures}, "bench")
     click.echo(f"written to {out}")
 
 
-def _rows(measured: Iterable[NamedTuple]) -> pd.DataFrame:
-    """Return measurements as a table; each is printed when it is made."""
-    import pandas as pd
-
-    rows = []
+def _told(measured: Iterable[Measured]) -> Iterator[Measured]:
+    """Yield measurements; each is printed when it is made."""
     for row in measured:
-        rows.append(row)
-        values = row._asdict().items()
-        click.echo(", ".join(f"{name} {f'{x:.3g}' if isinstance(x, float) else x}" for name, x in values))
-    return pd.DataFrame(rows)
+        click.echo(", ".join(f"{name} {_short(value)}" for name, value in row._asdict().items()))
+        yield row
 
 
-def _tables(quick: bool) -> tuple[bytes | str, ...]:
-    """Measure and print the convergence of tables of every kind."""
-    from softness_bayes.base.files.spreadsheet import csv_of
-    from softness_bayes.bench.tables import sampled
-
-    table = _rows(sampled(quick))
-    shown = {
-        "table": table["table"],
-        "ratings": table["ratings"],
-        "parameters": table["parameters"],
-        "to convergence [s]": table["seconds"].map("{:.1f}".format).where(table["converged"], "not in 600"),
-        "evaluations": table["evaluations"],
-        "each [µs]": table["microseconds"].map("{:.1f}".format),
-        "effective draws per 1000": table["effective"].map("{:.1f}".format),
-        "of emcee's moves": table["effective_emcee"].map("{:.1f}".format),
-    }
-    return csv_of(table, index=False), f"{_markdown(shown)}\nMeasured on: {_machine()}.\n"
+def _short(value: object) -> str:
+    return str(value) if not isinstance(value, float) else "" if math.isnan(value) else f"{value:.3g}"
 
 
-def _whole_runs(quick: bool) -> tuple[bytes | str, ...]:
-    """Measure and print whole runs on growing tables; a trial run measures the smallest of each kind."""
-    from softness_bayes.base.files.spreadsheet import csv_of
-    from softness_bayes.bench.growth import TABLES, grown
-
-    smallest = {table.what: table for table in reversed(TABLES)}
-    table = _rows(grown([*reversed(smallest.values())] if quick else TABLES))
-    shown = {
-        "what grows": table["what"],
-        "size": table["size"],
-        "processor time [s]": table["seconds"].map("{:.1f}".format),
-        "peak memory [MB]": table["megabytes"].map("{:.0f}".format),
-        "time as size to the power": table["exponent"].map("{:.2f}".format).replace("nan", ""),
-    }
-    return csv_of(table, index=False), _markdown(shown)
-
-
-def _speed_and_error(effort: Effort) -> dict[str, bytes | str]:
-    """Measure and print the likelihood at each accuracy, and its peers."""
+def _speed_and_error(effort: Effort) -> tuple[pd.DataFrame, dict[str, bytes]]:
+    """Measure and print the likelihood at each accuracy, and its peers; return their table and its figures."""
     import pandas as pd
 
-    from softness_bayes.base.files.spreadsheet import csv_of
     from softness_bayes.bench.peers import Peer, measure, ratio, receptors
     from softness_bayes.bench.precision import CHANNELS, work_precision
     from softness_bayes.plotting.studies import work_precision_figure
     from softness_bayes.plotting.style import files_of
 
-    def shown(points: Iterable[Point]) -> Iterator[Point]:
-        for point in points:
-            click.echo(f"{point.way}, {point.setting}: {_time(point.seconds)}, error {point.error_peak:.0e}")
-            yield point
-
-    ours, count, peers = [*shown(work_precision(effort))], receptors(), list[Peer]()
+    ours, count, peers = [*_told(work_precision(effort))], receptors(), list[Peer]()
     for module, package in {"solvers": "scipy", "brian": "brian2", "jax_cells": "diffrax"}.items():
         try:
             import_module(package)
@@ -356,25 +326,15 @@ def _speed_and_error(effort: Effort) -> dict[str, bytes | str]:
             )
         else:
             peers += import_module(f"softness_bayes.bench.{module}").PEERS
-    others = [*shown(measure(peer, count, effort) for peer in peers)]
+    others = [*_told(measure(peer, count, effort) for peer in peers)]
     ratios = [*(math.nan for _ in ours), *(ratio(point, ours) for point in others)]
-    machine = _machine()
-    table = pd.DataFrame([*ours, *others]).assign(ratio=ratios)
     figure = work_precision_figure(
         {way: [(p.seconds, p.error_peak) for p in ours if p.way == way] for way in CHANNELS},
         {f"{p.way}, {p.setting}": (p.seconds, p.error_peak) for p in others},
         [(p.seconds, p.error_peak) for p in ours if p.accuracy == ACCURACY],
-        machine,
+        _machine(),
     )
-    words = {
-        "way": table["way"] + ", " + table["setting"],
-        "time for a parameter vector": table["seconds"].map(_time),
-        "error / peak": table["error_peak"].map("{:.0e}".format),
-        "error of log(N/N_ref + eps)": table["error_log"].map("{:.0e}".format).replace("nan", ""),
-        "time / likelihood's": table["ratio"].map("{:.0e}".format).replace("nan", ""),
-    }
-    contents = (csv_of(table, index=False), f"{_markdown(words)}\nMeasured on: {machine}.\n")
-    return {**dict(zip(PRECISION, contents, strict=False)), **files_of(figure, FIGURE, FORMATS)}
+    return pd.DataFrame([*ours, *others]).assign(ratio=ratios), files_of(figure, FIGURE, FORMATS)
 
 
 def _machine() -> str:
@@ -384,13 +344,3 @@ def _machine() -> str:
     processor = named[1] if named else platform.processor() or platform.machine()
     versions = f"Python {platform.python_version()}, NumPy {import_module('numpy').__version__}"
     return f"{processor}, {os.cpu_count()} cores, {versions}"
-
-
-def _time(seconds: float) -> str:
-    return f"{1e6 * seconds:.3g} µs" if seconds < 1e-3 else f"{seconds:.3g} s"
-
-
-def _markdown(columns: Mapping[str, Iterable[object]]) -> str:
-    """Return a table in Markdown."""
-    rows = [columns, ["---"] * len(columns), *zip(*columns.values(), strict=True)]
-    return "".join(f"| {' | '.join(map(str, row))} |\n" for row in rows)

@@ -18,7 +18,6 @@ from softness_bayes.likelihood.layout import Layout
 from softness_bayes.likelihood.scales import FALLS, FREE, RISES, RatingDirection
 
 FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
 
 
 WAY = {1: "rise", -1: "fall"}
@@ -60,6 +59,24 @@ class Correlation(NamedTuple):
     high: float
     """5 and 95 % limits; NaN with one participant."""
 
+    @classmethod
+    def of(cls, values: FloatArray) -> Correlation:
+        """Return the first value with its 90 % limits, from the spread of the following ones about their median.
+
+        Weighted means of people are noisier than those of all, so that their correlations lie below that of all: their
+        own quantiles would be limits of another quantity, and may leave the estimate out.
+        """
+        value, known = float(values[0]), values[1:][np.isfinite(values[1:])]
+        if not known.size or math.isnan(value):
+            return cls(value, math.nan, math.nan)
+        low, middle, high = np.quantile(known, (0.05, 0.5, 0.95)).tolist()
+        return cls(value, max(value + low - middle, -1.0), min(value + high - middle, 1.0))
+
+    def __str__(self) -> str:
+        if math.isnan(self.low):
+            return f"{self.value:+.2f}"
+        return f"{self.value:+.2f} (90 % interval {self.low:+.2f} to {self.high:+.2f} over participants)"
+
 
 class Trend(NamedTuple):
     """The trend of a table's ratings with stiffness."""
@@ -97,19 +114,19 @@ def find_trend(layout: Layout, ratings: FloatArray) -> Trend:
     ratings
         Shape (rows,).
     """
-    design, by_load = layout.design, _by_load(layout)
+    design = layout.design
     weights = np.ones((1, design.n_participants))
     if (design.cells.sum(axis=1) > 0).sum() > 1:
         random = np.random.default_rng(_SEED).exponential(size=(RESAMPLES, design.n_participants))
         weights = np.concatenate([weights, random])
     means = condition_means(layout, ratings, weights)
-    each = np.stack([_correlations(_ranks(means[:, some]), _ranks(layout.modulus[some])) for some in by_load])
+    each, mean = rank_correlations(layout, means, layout.modulus)
     if np.unique(design.fabric).size >= FEWEST_FABRICS:
         p_value, shuffled = _p_of_fabrics(layout, means[0]), "the order of the fabrics"
     else:
         p_value, shuffled = _p_of_participants(layout, ratings), "the order of each participant's ratings"
-    loads, mean = tuple(map(_with_limits, each)), _with_limits(_mean(layout, each))
-    return Trend(loads, tuple(some.size for some in by_load), mean, p_value, shuffled)
+    fabrics = tuple(int((layout.load == k).sum()) for k in layout.loads)
+    return Trend(tuple(map(Correlation.of, each)), fabrics, Correlation.of(mean), p_value, shuffled)
 
 
 def condition_means(layout: Layout, ratings: FloatArray, weights: FloatArray) -> FloatArray:
@@ -134,10 +151,23 @@ def condition_means(layout: Layout, ratings: FloatArray, weights: FloatArray) ->
     return np.asarray((weights @ sums) / (weights @ design.cells))
 
 
-def mean_correlation(layout: Layout, values: FloatArray) -> FloatArray:
-    """Return the mean rank correlation over loads of values (rows, conditions) with E_fab, shape (rows,)."""
-    each = [_correlations(_ranks(values[:, some]), _ranks(layout.modulus[some])) for some in _by_load(layout)]
-    return _mean(layout, np.stack(each))
+def rank_correlations(layout: Layout, rows: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return rank correlations over the fabrics of each load, (loads, rows), and their weighted means, (rows,).
+
+    They are NaN where values are all the same; weights are the numbers of fabrics minus one.
+
+    Parameters
+    ----------
+    layout
+        Load of each condition.
+    rows, x
+        Values to correlate, shapes (rows, conditions) and (conditions,).
+    """
+    by_load = [layout.load == k for k in layout.loads]
+    each = np.stack([_spearman(rows[:, some], x[some]) for some in by_load])
+    weight = np.isfinite(each) * np.array([some.sum() - 1.0 for some in by_load])[:, None]
+    total, summed = weight.sum(axis=0), (np.nan_to_num(each) * weight).sum(axis=0)
+    return each, np.divide(summed, total, out=np.full_like(summed, np.nan), where=total > 0)
 
 
 class OddRaters(NamedTuple):
@@ -178,8 +208,7 @@ def odd_raters(layout: Layout, ratings: FloatArray) -> OddRaters:
         if given.size >= FEWEST_RATINGS and np.ptp(given) == 0:
             constant.append(k)
         elif people.size > 2 and rated.size >= FEWEST_RATINGS:
-            each = _correlations(_ranks(own[place, rated][None]), _ranks(others[place, rated]))
-            r = float(np.nan_to_num(each[0]))
+            r = float(np.nan_to_num(_spearman(own[place, rated][None], others[place, rated])[0]))
             n = rated.size
             p_value = float(stdtr(n - 2, r * np.sqrt((n - 2) / max(1.0 - r * r, 1e-12))))
             if r < 0 and p_value * people.size < LEVEL_OF_RATERS:
@@ -221,7 +250,7 @@ class Evidence(NamedTuple):
         over = f"over {len(self.loads)} loads" if len(self.loads) > 1 else f"at {self.loads[0]}"
         # none of the random orders drawn was as extreme
         least = "<=" if math.isclose(self.trend.p_value, 1 / (SHUFFLES + 1)) else "="
-        numbers = f"rank correlation with E_fab {_numbers(mean)} {over}; p {least} {self.trend.p_value:.2g} if "
+        numbers = f"rank correlation with E_fab {mean} {over}; p {least} {self.trend.p_value:.2g} if "
         numbers += f"{self.trend.shuffled} were random"
         if self.left_out:
             numbers += f"; without {counted(self.left_out, 'fabric')} of unknown modulus"
@@ -240,12 +269,13 @@ class Evidence(NamedTuple):
     @property
     def lines(self) -> list[str]:
         """One line for each load, then one for all of them and one for the direction that agrees with the table."""
-        each = zip(self.loads, self.trend.loads, self.trend.fabrics, strict=True)
-        lines = [
-            f"{load}: {_way(one)}, rank correlation of mean rating with E_fab {_numbers(one)}, {count} fabrics"
-            for load, one, count in each
-            if math.isfinite(one.value)
-        ]
+        lines = []
+        for load, one, count in zip(self.loads, self.trend.loads, self.trend.fabrics, strict=True):
+            if math.isfinite(one.value):
+                sure = one.low * one.high > 0  # NaN does not count as varying
+                way = f"ratings {WAY[int(np.sign(one.value))]}" if sure else "no clear order"
+                numbers = f"rank correlation of mean rating with E_fab {one}, {count} fabrics"
+                lines.append(f"{load}: {way} with stiffness, {numbers}")
         if self.direction is None:
             reading = f"the table cannot decide between {RISES.name} and {FALLS.name}; {self.model}"
         else:
@@ -351,40 +381,21 @@ def firing_rises(layout: Layout, rate: NDArray[np.float64]) -> float:
     rate
         Total rate [spikes/s], shape (draws, conditions).
     """
-    found = mean_correlation(layout, rate)
+    _, found = rank_correlations(layout, rate, layout.modulus)
     varies = found[np.isfinite(found)]
     return float((varies > 0).mean()) if varies.size >= FEWEST else 1.0
 
 
-def _way(found: Correlation) -> str:
-    sure = found.low * found.high > 0  # NaN does not count as varying
-    return f"ratings {WAY[int(np.sign(found.value))]} with stiffness" if sure else "no clear order with stiffness"
-
-
-def _numbers(found: Correlation) -> str:
-    if math.isnan(found.low):
-        return f"{found.value:+.2f}"
-    return f"{found.value:+.2f} (90 % interval {found.low:+.2f} to {found.high:+.2f} over participants)"
-
-
-def _by_load(layout: Layout) -> list[IndexArray]:
-    return [np.flatnonzero(layout.load == k) for k in layout.loads]
-
-
 def _p_of_fabrics(layout: Layout, mean: FloatArray) -> float:
-    """Return the two-sided p-value of the mean correlation under orders of the fabrics, the same under every load.
-
-    Moduli are ranked over all fabrics, not over those of each load.
-    """
+    """Return the two-sided p-value of the mean correlation under orders of the fabrics, the same under every load."""
     rated, first, place = np.unique(layout.design.fabric, return_index=True, return_inverse=True)
-    rank = _ranks(layout.modulus[first])
+    modulus = layout.modulus[first]
     if math.factorial(rated.size) <= SHUFFLES:
         orders = np.array([*itertools.permutations(range(rated.size))])
     else:
         shuffled = np.random.default_rng(_SEED).permuted(np.tile(np.arange(rated.size), (SHUFFLES, 1)), axis=1)
         orders = np.concatenate([np.arange(rated.size)[None], shuffled])
-    each = [_correlations(rank[orders[:, place[some]]], _ranks(mean[some])) for some in _by_load(layout)]
-    statistic = np.abs(_mean(layout, np.stack(each)))
+    statistic = np.abs(rank_correlations(layout, modulus[orders[:, place]], mean)[1])
     # the first order is the observed one, which is included
     return float(np.mean(~(statistic < statistic[0] - 1e-9)))
 
@@ -403,9 +414,9 @@ def _p_of_participants(layout: Layout, ratings: FloatArray) -> float:
     return float(2.0 * ndtr(-abs(total) / math.sqrt(variance))) if variance > 0 else 1.0
 
 
-def _correlations(rows: FloatArray, x: FloatArray) -> FloatArray:
-    """Return the correlation of every row, shape (rows, k), with x; NaN if one is constant."""
-    rows, x = rows - rows.mean(axis=1, keepdims=True), x - x.mean()
+def _spearman(rows: FloatArray, x: FloatArray) -> FloatArray:
+    """Return the rank correlation of every row, shape (rows, k), with x; NaN if one is constant."""
+    rows, x = (_ranks(values) - 0.5 * (values.shape[-1] + 1) for values in (rows, x))
     size = np.sqrt((x @ x) * (rows**2).sum(axis=1))
     return np.divide(rows @ x, size, out=np.full(len(rows), np.nan), where=size > 0)
 
@@ -418,24 +429,3 @@ def _ranks(values: FloatArray) -> FloatArray:
     extent = np.maximum(values.max(axis=-1, keepdims=True), 1e-6)
     rows = pd.DataFrame(np.round(values / extent, _DIGITS).reshape(-1, values.shape[-1]))
     return np.asarray(rows.rank(axis=1), float).reshape(values.shape)
-
-
-def _mean(layout: Layout, each: FloatArray) -> FloatArray:
-    """Return weighted means over loads of correlations (loads, resamples); NaN if no load has one."""
-    weight = np.array([some.size - 1.0 for some in _by_load(layout)])[:, None]
-    total = (np.isfinite(each) * weight).sum(axis=0)
-    summed = (np.nan_to_num(each) * weight).sum(axis=0)
-    return np.divide(summed, total, out=np.full_like(summed, np.nan), where=total > 0)
-
-
-def _with_limits(values: FloatArray) -> Correlation:
-    """Return the first value with its 90 % limits, from the spread of the following ones about their median.
-
-    Weighted means of people are noisier than those of all, so that their correlations lie below that of all: their own
-    quantiles would be limits of another quantity, and may leave the estimate out.
-    """
-    value, known = float(values[0]), values[1:][np.isfinite(values[1:])]
-    if not known.size or math.isnan(value):
-        return Correlation(value, math.nan, math.nan)
-    low, middle, high = np.quantile(known, (0.05, 0.5, 0.95)).tolist()
-    return Correlation(value, max(value + low - middle, -1.0), min(value + high - middle, 1.0))

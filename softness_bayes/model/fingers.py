@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -23,56 +23,19 @@ _MM = 1000.0
 """Millimetres in a metre; division by it preserves the decimal number as written, to the last bit."""
 
 
-@dataclass(frozen=True)
-class FingerValue:
-    """One value of a finger, with its name on the command line.
-
-    Parameters
-    ----------
-    name, meaning
-        Name including the unit, and description.
-    range
-        Allowed values, in the unit of the name.
-    per_si
-        Number of these units in one SI unit.
-    """
-
-    name: str
-    meaning: str
-    range: Range
-    per_si: float = _MM
-
-
-FINGER_VALUES: Mapping[str, FingerValue] = MappingProxyType(
+FINGER_VALUES: Mapping[str, Range] = MappingProxyType(
     {
-        value.name: value
-        for value in (
-            FingerValue("radius_mm", "radius of the fingertip", Range(1.0, 100.0, "mm")),
-            FingerValue("receptor_depth_mm", "depth of the receptors", Range(0.0, 5.0, "mm")),
-            FingerValue("poisson_ratio", "Poisson ratio of the skin", Range(-0.99, 0.5), per_si=1.0),
-            FingerValue("pad_length_mm", "extent of the pad along the finger", Range(1.0, 200.0, "mm")),
-            FingerValue("pad_width_mm", "extent of the pad across the finger", Range(1.0, 200.0, "mm")),
-            FingerValue("contact_x_mm", "contact's axis along the pad, from its tip", Range(0.0, 200.0, "mm")),
-            FingerValue("contact_y_mm", "contact's axis across the pad, from its edge", Range(0.0, 200.0, "mm")),
-        )
+        "radius_mm": Range(1.0, 100.0, "mm"),
+        "receptor_depth_mm": Range(0.0, 5.0, "mm"),
+        "poisson_ratio": Range(-0.99, 0.5),
+        "pad_length_mm": Range(1.0, 200.0, "mm"),
+        "pad_width_mm": Range(1.0, 200.0, "mm"),
+        "contact_x_mm": Range(0.0, 200.0, "mm"),
+        "contact_y_mm": Range(0.0, 200.0, "mm"),
     }
 )
-"""All values of a finger that can be set, by name."""
-
-
-def require_finger(values: Mapping[str, float]) -> None:
-    """Raise an error for invalid values of a finger.
-
-    Raises
-    ------
-    InputError
-        For an unknown name, or a value outside its range.
-    """
-    for name, value in values.items():
-        if name not in FINGER_VALUES:
-            raise InputError(f"no value '{name}' of a finger; expected one of {', '.join(FINGER_VALUES)}")
-        FINGER_VALUES[name].range.require(name, value)
-    finger_of(values)
+"""All values of a finger that can be set, by name, with their ranges; the contact's axis is `contact_x` along the pad
+from its tip, and `contact_y` across the pad from its edge."""
 
 
 def finger_of(values: Mapping[str, float]) -> Finger:
@@ -81,18 +44,33 @@ def finger_of(values: Mapping[str, float]) -> Finger:
     Raises
     ------
     InputError
-        If the contact's axis misses the pad.
+        For an unknown name, a value outside its range, or if the contact's axis misses the pad.
     """
+    si = {}
+    for name, value in values.items():
+        if name not in FINGER_VALUES:
+            raise InputError(f"no value '{name}' of a finger; expected one of {', '.join(FINGER_VALUES)}")
+        FINGER_VALUES[name].require(name, value)
+        si[name.removesuffix("_mm")] = value / _MM if name.endswith("_mm") else value
     usual = Finger()
-    si = {name: value / FINGER_VALUES[name].per_si for name, value in values.items()}
     x, y = usual.contact_centre
-    centre = (si.pop("contact_x_mm", x), si.pop("contact_y_mm", y))
-    return replace(usual, contact_centre=centre, **{name.removesuffix("_mm"): value for name, value in si.items()})
+    return replace(usual, contact_centre=(si.pop("contact_x", x), si.pop("contact_y", y)), **si)
 
 
 def values_of(finger: Finger) -> dict[str, float]:
     """Return the values that differ from those of the default finger, such that `finger_of` restores the finger."""
-    return {name: value for name, value in every_value(finger).items() if value != every_value(Finger())[name]}
+
+    def every(one: Finger) -> dict[str, float]:
+        si: dict[str, Any] = asdict(one)
+        si["contact_x"], si["contact_y"] = si.pop("contact_centre")
+        # twelve digits restore the number as written, without rounding errors of the conversion
+        return {
+            name: float(f"{si[name.removesuffix('_mm')] * (_MM if name.endswith('_mm') else 1.0):.12g}")
+            for name in FINGER_VALUES
+        }
+
+    usual = every(Finger())
+    return {name: value for name, value in every(finger).items() if value != usual[name]}
 
 
 def require_one_source(names: Iterable[str], finger: Finger) -> None:
@@ -138,14 +116,6 @@ def box_of_values(values: Mapping[str, ArrayLike], finger: Finger) -> FingerBox 
     return FingerBox(**ranges) if BOXED.keys() & values.keys() else None
 
 
-def every_value(finger: Finger) -> dict[str, float]:
-    """Return all values of a finger, by the names used in `finger_of`."""
-    si: dict[str, Any] = asdict(finger)
-    si["contact_x"], si["contact_y"] = si.pop("contact_centre")
-    # twelve digits restore the number as written, without rounding errors of the conversion
-    return {name: float(f"{si[name.removesuffix('_mm')] * value.per_si:.12g}") for name, value in FINGER_VALUES.items()}
-
-
 NODES: Mapping[int, Mapping[str, int]] = MappingProxyType(
     {
         1: {"b": 33, "m": 17, "sigma_0": 33},
@@ -154,12 +124,6 @@ NODES: Mapping[int, Mapping[str, int]] = MappingProxyType(
     }
 )
 """Nodes per quantity, by the number of quantities that differ; `FingerGrid` states the error of their spacing."""
-
-RESPONSE_NODES, SKIN_NODES = 20, 14
-"""Resolution of the fingers' responses, with errors of about 1e-3 in log(N/N_ref + 0.1 Hz) over the prior."""
-
-FINER_RESPONSE_NODES, FINER_SKIN_NODES = 40, 24
-"""The same for the reference of the exactness check."""
 
 
 def require_individual(names: Sequence[str]) -> tuple[str, ...]:
@@ -203,11 +167,10 @@ def grid_of(names: Sequence[str]) -> FingerGrid:
     return FingerGrid({name: NODES[len(names)][name] for name in names})
 
 
-def family_of(scene: Scene, grid: FingerGrid) -> FingerFamily:
-    """Return the family of fingers of a grid that touch a scene, at the default resolution."""
-    return FingerFamily(scene, grid, RESPONSE_NODES, SKIN_NODES)
+def family_of(scene: Scene, grid: FingerGrid, finer: bool = False) -> FingerFamily:
+    """Return the family of fingers of a grid that touch a scene, with errors of about 1e-3 in log(N/N_ref + 0.1 Hz).
 
-
-def finer_family_of(scene: Scene, grid: FingerGrid) -> FingerFamily:
-    """Return the same family at the resolution of the reference."""
-    return FingerFamily(scene, grid, FINER_RESPONSE_NODES, FINER_SKIN_NODES)
+    Those of the reference of the exactness check are finer.
+    """
+    response_nodes, skin_nodes = (40, 24) if finer else (20, 14)
+    return FingerFamily(scene, grid, response_nodes, skin_nodes)

@@ -15,7 +15,7 @@ from softness_bayes.base import ranges
 from softness_bayes.base.defaults import ACCURACY, ERRORS, NOISE, PRIOR_SET
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.files.records import parse_json
-from softness_bayes.base.options import AUTO, Options, described, later, option
+from softness_bayes.base.options import AUTO, Options, deferred, described, later, option
 from softness_bayes.base.supplied import installed
 from softness_bayes.likelihood import scales
 from softness_bayes.likelihood.scales import require_name as require_scale
@@ -30,71 +30,43 @@ if TYPE_CHECKING:
 
 _MENDED = "softness_bayes.touch.readings:MENDED"
 
+_FINGER = "softness_bayes.touch.contact:Finger"
 
-class ValuesOf(kinds.NumbersByName):
-    """Numbers by the names of what has them.
-
-    Parameters
-    ----------
-    check
-        MODULE:NAME of a function that raises an error for an unknown name, or a number outside its range.
-    names
-        MODULE:NAME of all names.
-    """
-
-    def __init__(self, check: str, names: str) -> None:
-        self._check, self._names = check, names
-
-    def check(self, values: dict[str, float]) -> None:
-        """Raise an error for an unknown name, or a value outside its range."""
-        later(self._check)(values)
-
-    def complete(self, incomplete: str) -> Iterable[str]:
-        """Return all names."""
-        return [f"{name}=" for name in later(self._names)]
+_parameter_law = deferred("softness_bayes.parameters.priors:as_prior")
 
 
-FIXED_VALUES = ValuesOf(
-    "softness_bayes.parameters.choice:require_values", "softness_bayes.parameters.declared:EVERY_PARAMETER"
+def _parameters(incomplete: str) -> Iterable[str]:
+    return [f"{name}=" for name in later("softness_bayes.parameters.declared:EVERY_PARAMETER")]
+
+
+def _parameters_and_laws(incomplete: str) -> Iterable[str]:
+    """Return the names of all parameters, or the laws after a name."""
+    from softness_bayes.parameters.priors import LAWS, PRIORS
+
+    name, given, _ = incomplete.partition("=")
+    return [f"{name}={law}(" for law in (*LAWS, *installed(PRIORS))] if given else _parameters(incomplete)
+
+
+def _sets_and_readings(incomplete: str) -> Iterable[str]:
+    """Return the named sets and the places, or the readings of a place."""
+    from softness_bayes.touch.readings import ALTERNATIVES, NAMED_READINGS
+
+    place, given, _ = incomplete.partition("=")
+    if given and place in ALTERNATIVES:
+        return [f"{place}={name}" for name in (*ALTERNATIVES[place], *installed(place))]
+    return [*NAMED_READINGS, *(f"{name}=" for name in ALTERNATIVES)]
+
+
+FIXED_VALUES = kinds.ByName(
+    such_as="a mapping from names to numbers, such as {'m': 2.0}",
+    value=kinds.as_number,
+    check=deferred("softness_bayes.parameters.choice:require_values"),
+    complete=_parameters,
 )
 """Values of parameters by name [natural units]."""
 
-
-class Laws(kinds.ByName):
-    """Prior distributions by name, in written form or as laws."""
-
-    metavar = "NAME=PRIOR"
-
-    def accept(self, name: str, value: Any) -> dict[str, Prior]:
-        """Return laws by name."""
-        from softness_bayes.parameters.priors import as_priors
-
-        return as_priors(value)
-
-    def parse_value(self, text: str) -> Prior:
-        """Return the law of a text such as lognormal(100,0.5)."""
-        from softness_bayes.parameters.priors import parse_prior
-
-        return parse_prior(text)
-
-
-class Priors(Laws):
-    """Prior distributions of the parameters of the model."""
-
-    def check(self, values: dict[str, Prior]) -> None:
-        """Raise an error for an unknown parameter, or a support outside its range."""
-        from softness_bayes.parameters.choice import require_priors
-
-        require_priors(values)
-
-    def complete(self, incomplete: str) -> Iterable[str]:
-        """Return the names of all parameters, or of the laws after a name."""
-        from softness_bayes.parameters.declared import EVERY_PARAMETER
-        from softness_bayes.parameters.priors import LAWS, PRIORS
-
-        name, given, _ = incomplete.partition("=")
-        laws = [f"{name}={law}(" for law in (*LAWS, *installed(PRIORS))]
-        return laws if given else [f"{parameter}=" for parameter in EVERY_PARAMETER]
+LAWS = kinds.ByName("NAME=PRIOR", "a mapping, such as {'b': 'lognormal(100,0.5)'}", _parameter_law)
+"""Prior distributions by name, in written form or as laws."""
 
 
 class ModulusLaw(kinds.Kind):
@@ -104,11 +76,7 @@ class ModulusLaw(kinds.Kind):
 
     def accept(self, name: str, value: Any) -> Prior:
         """Return a law of positive numbers."""
-        from softness_bayes.parameters.priors import as_prior
-        from softness_bayes.parameters.space import require_law
-
-        law = as_prior(name.replace("_", " "), value)
-        require_law(name, law)
+        law: Prior = later("softness_bayes.parameters.space:modulus_law")(name.replace("_", " "), value)
         return law
 
     def parse(self, text: str) -> Prior:
@@ -123,94 +91,27 @@ class PriorSet(kinds.Kind):
 
     def complete(self, incomplete: str) -> Iterable[str]:
         """Return the sets."""
-        from softness_bayes.parameters.declared import PRIOR_SETS
-
-        return PRIOR_SETS
+        sets: Iterable[str] = later("softness_bayes.parameters.declared:PRIOR_SETS")
+        return sets
 
 
 class ReadingsByPlace(kinds.ByName):
     """Readings of the model's equations: a named set of them, and others by their place."""
 
-    metavar = "SET|PLACE=NAME"
-
-    of, such_as = (
-        "softness_bayes.touch.readings:Readings",
-        "Readings, such as NAMED_READINGS['printed'] or Readings(pressure=...)",
-    )
-    accept = kinds.Kind.accept
-
     def parse(self, texts: Sequence[str]) -> Readings:
         """Return the readings of texts such as pressure=hertz; one without = names the set that they change."""
         from softness_bayes.touch.readings import readings_named
 
-        sets = [text for text in texts if "=" not in text]
-        return readings_named(["mended", *sets][-1], super().parse([text for text in texts if "=" in text]))
+        named = "mended"
+        for text in texts:
+            named = named if "=" in text else text
+        changed = kinds.ByName().parse([text for text in texts if "=" in text])
+        return readings_named(named, changed)
 
     def write(self, value: Readings) -> list[str]:
         """Return the name of the default set, and the places with other readings than it has."""
-        from softness_bayes.touch.readings import MENDED
-
-        return ["mended", *(f"{place}={name}" for place, name in value.names.items() if name != MENDED.names[place])]
-
-    def store(self, value: Readings) -> dict[str, str]:
-        """Return the name of the reading of every place."""
-        return value.names
-
-    def restore(self, stored: Mapping[str, str]) -> Readings:
-        """Return the readings of names."""
-        readings: Readings = later(_MENDED).override(stored)
-        return readings
-
-    def complete(self, incomplete: str) -> Iterable[str]:
-        """Return the named sets and the places, or the readings of a place."""
-        from softness_bayes.touch.readings import ALTERNATIVES, NAMED_READINGS
-
-        place, given, _ = incomplete.partition("=")
-        if given and place in ALTERNATIVES:
-            return [f"{place}={name}" for name in (*ALTERNATIVES[place], *installed(place))]
-        return [*NAMED_READINGS, *(f"{name}=" for name in ALTERNATIVES)]
-
-
-class FingerValues(ValuesOf):
-    """Values of a finger by name, which differ from those of the default finger."""
-
-    of, such_as = "softness_bayes.touch.contact:Finger", "a Finger, such as Finger(receptor_depth=0.6e-3)"
-    accept = kinds.Kind.accept
-
-    def parse(self, texts: Sequence[str]) -> Finger:
-        """Return the finger of texts such as receptor_depth_mm=0.6."""
-        return self.restore(super().parse(texts))
-
-    def store(self, value: Finger) -> dict[str, float]:
-        """Return the values that are not the default ones."""
-        values: dict[str, float] = later("softness_bayes.model.fingers:values_of")(value)
-        return values
-
-    def restore(self, stored: Mapping[str, float]) -> Finger:
-        """Return the finger of values by name."""
-        finger: Finger = later("softness_bayes.model.fingers:finger_of")(stored)
-        return finger
-
-
-class SomeOf(kinds.Names):
-    """Names out of a list.
-
-    Parameters
-    ----------
-    known
-        MODULE:NAME of a function that returns the names in their order, or raises an error for an unknown one.
-    """
-
-    def __init__(self, known: str) -> None:
-        self._known = known
-
-    def accept(self, name: str, value: Any) -> Any:
-        """Return known names, each once."""
-        return later(self._known)(super().accept(name, value))
-
-    def parse(self, text: str) -> Any:
-        """Return the names of a text such as b,m."""
-        return later(self._known)(super().parse(text))
+        usual = later(_MENDED).names
+        return ["mended", *(f"{place}={name}" for place, name in value.names.items() if name != usual[place])]
 
 
 class GuessRate(kinds.Kind):
@@ -244,10 +145,10 @@ class Chosen(kinds.Kind):
         Words on the command line.
     such_as
         Examples, for messages.
-    of, named
-        MODULE:NAME of the class of the objects, and of a function that returns the object of a name.
-    name_of
-        Returns the name of an object.
+    of
+        MODULE:NAME of the class of the objects.
+    named, name_of
+        Functions that return the object of a name, and the name of an object.
     group
         Group of entry points from which further objects may come.
     """
@@ -257,20 +158,16 @@ class Chosen(kinds.Kind):
         choices: tuple[str, ...],
         such_as: str,
         of: str,
-        named: str,
+        named: Callable[[str], Any],
         name_of: Callable[[Any], str] = attrgetter("name"),
         group: str = "",
     ) -> None:
         self.choices, self.such_as, self.of, self.group = choices, such_as, of, group
-        self._named, self._name_of = named, name_of
+        self._named, self.write = named, name_of  # type: ignore[method-assign, assignment]
 
     def parse(self, text: str) -> Any:
         """Return the object of a name."""
-        return None if text == AUTO else later(self._named)(text)
-
-    def write(self, value: Any) -> str:
-        """Return the name."""
-        return self._name_of(value)
+        return None if text == AUTO else self._named(text)
 
 
 class Resolution(kinds.Kind):
@@ -301,7 +198,13 @@ class ModelOptions(Options):
         FIXED_VALUES, flag="--fix", default_factory=dict, help="Fix a parameter at a value, such as m=2."
     )
     priors: Mapping[str, Any] = option(
-        Priors(),
+        kinds.ByName(
+            LAWS.metavar,
+            LAWS.such_as,
+            _parameter_law,
+            deferred("softness_bayes.parameters.choice:require_priors"),
+            _parameters_and_laws,
+        ),
         flag="--prior",
         default_factory=dict,
         help="Prior of a parameter, such as b='lognormal(100,0.5)' (median, sd of the log); 'list priors' shows the "
@@ -317,7 +220,14 @@ class ModelOptions(Options):
         spelled=True,
     )
     readings: Readings = option(
-        ReadingsByPlace(),
+        ReadingsByPlace(
+            "SET|PLACE=NAME",
+            "Readings, such as NAMED_READINGS['printed'] or Readings(pressure=...)",
+            complete=_sets_and_readings,
+            of="softness_bayes.touch.readings:Readings",
+            made=lambda names: later(_MENDED).override(names),
+            parts=attrgetter("names"),
+        ),
         flag="--reading",
         default_factory=partial(later, _MENDED),
         help="Named set of readings of the model's equations: mended (the default), printed or hertz; or another "
@@ -331,7 +241,7 @@ class ModelOptions(Options):
             (AUTO, scales.FREE.name, *scales.RATING_DIRECTIONS),
             "RISES, FALLS, FREE or None",
             "softness_bayes.likelihood.scales:RatingDirection",
-            "softness_bayes.likelihood.scales:direction_named",
+            scales.direction_named,
         ),
         None,
         "--direction",
@@ -343,9 +253,16 @@ class ModelOptions(Options):
         needs_ratings=True,
     )
     finger: Finger = option(
-        FingerValues("softness_bayes.model.fingers:require_finger", "softness_bayes.model.fingers:FINGER_VALUES"),
+        kinds.ByName(
+            such_as="a Finger, such as Finger(receptor_depth=0.6e-3)",
+            value=kinds.as_number,
+            complete=lambda incomplete: [f"{name}=" for name in later("softness_bayes.model.fingers:FINGER_VALUES")],
+            of=_FINGER,
+            made=deferred("softness_bayes.model.fingers:finger_of"),
+            parts=deferred("softness_bayes.model.fingers:values_of"),
+        ),
         flag="--finger",
-        default_factory=lambda: later(FingerValues.of)(),
+        default_factory=deferred(_FINGER),
         help="One value of the finger, such as receptor_depth_mm=0.6. Names: radius_mm, receptor_depth_mm, "
         "poisson_ratio, pad_length_mm, pad_width_mm, contact_x_mm or contact_y_mm. A --prior of "
         "radius or receptor_depth samples it instead.",
@@ -388,7 +305,7 @@ class ModelOptions(Options):
         affects_draws=True,
     )
     shared: tuple[str, ...] = option(
-        SomeOf("softness_bayes.parameters.declared:shareable"),
+        kinds.Names(deferred("softness_bayes.parameters.declared:shareable")),
         (),
         "--shared",
         "Parameters that recorded afferents share with ratings and plates, such as b,m. By default they have their "
@@ -396,7 +313,7 @@ class ModelOptions(Options):
         affects_draws=True,
     )
     individual: tuple[str, ...] = option(
-        SomeOf("softness_bayes.model.fingers:require_individual"),
+        kinds.Names(deferred("softness_bayes.model.fingers:require_individual")),
         (),
         "--individual",
         "Parameters that differ between raters, each with a sampled spread: for their fingers some of b, m "
@@ -409,7 +326,7 @@ class ModelOptions(Options):
             (AUTO, *ERRORS),
             "NORMAL, STUDENT, LAPSES or None",
             "softness_bayes.likelihood.error_laws:ErrorLaw",
-            "softness_bayes.likelihood.error_laws:error_law_named",
+            deferred("softness_bayes.likelihood.error_laws:error_law_named"),
         ),
         None,
         "--errors",
@@ -472,7 +389,7 @@ class ModelOptions(Options):
             tuple(scales.RATING_SCALES),
             "a Scale, such as SLIDER or CATEGORIES",
             "softness_bayes.likelihood.scales:Scale",
-            "softness_bayes.likelihood.scales:scale_named",
+            scales.scale_named,
             scales.name_of_scale,
             scales.OWN_SCALES,
         ),

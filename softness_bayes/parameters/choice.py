@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence, Set
+from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import replace
 
 from softness_bayes.base.errors import InputError
@@ -35,7 +35,6 @@ _ROUNDING = 1e-9
 
 
 def parameter_space(
-    free: Iterable[str] = (),
     fix: Mapping[str, float] | None = None,
     priors: Mapping[str, Prior] | None = None,
     prior_set: str = "default",
@@ -53,8 +52,6 @@ def parameter_space(
 
     Parameters
     ----------
-    free
-        Parameters to sample that are fixed by default (`HELD`), and `SHAPE_PARAMETERS`.
     fix
         Parameters to fix, with their values in natural units.
     priors
@@ -91,7 +88,7 @@ def parameter_space(
     """
     require_mapping("fix", fix or {}, "{'m': 2.0}")
     fix, priors = dict(fix or {}), as_priors(priors or {})
-    freed = {*free, *priors}
+    freed = priors.keys()
     absent = {*absent, *(FINGER_PARAMETERS.keys() - {*(PLATE_PARAMETERS if n_fingers else ()), *spreads})}
     absent |= (ERROR_PARAMETERS.keys() - {*of_errors}) | (ANSWER_PARAMETERS.keys() - {*spreads})
     absent |= RECORDING_PARAMETERS.keys() - {*recorded}
@@ -144,7 +141,7 @@ def _require_free_to_choose(freed: Set[str], fix: Mapping[str, float], absent: C
         if name in absent:
             raise InputError(f"{name}: the model of these data has no such parameter; omit it")
     if clash := sorted(freed & fix.keys()):
-        raise InputError(f"{clash[0]} is both fixed and given a prior or freed; choose one")
+        raise InputError(f"{clash[0]} is both fixed and given a prior; choose one")
     if prior_set not in PRIOR_SETS:
         raise InputError(f"prior set '{prior_set}': expected one of {', '.join(PRIOR_SETS)}")
 
@@ -198,11 +195,13 @@ def _within_surface(
             f"alpha is {held['alpha']}, expected at most {firing.max_current:g} µA/cm², the range of the "
             f"firing-rate surface; fix {', '.join(p.name for p in channels)} too for larger ones"
         )
-    within = tuple(p.up_to(firing.max_current) if p.name == "alpha" else p for p in sampled)
-    for p in within:
+    within = []
+    for p in sampled:
         if p.name == "alpha":
-            replace(p, unit=f"{p.unit}, the range of the firing-rate surface").require_median(p.prior)
-    return within
+            p = replace(p, range=replace(p.range, high=firing.max_current))
+            replace(p, unit=f"{p.unit}, the range of the firing-rate surface").suited(p.prior)
+        within.append(p)
+    return tuple(within)
 
 
 def require_values(values: Mapping[str, float]) -> None:

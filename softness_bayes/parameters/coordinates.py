@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
-from typing import Any, Protocol
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +13,6 @@ from scipy.special import expit, log_expit, logit, ndtr, ndtri
 from softness_bayes.base.laws import LogUniform, Prior
 
 FloatArray = NDArray[np.float64]
-
-Numbers = float | FloatArray
-"""One for all places, or one for each."""
 
 
 class Coordinate(Protocol):
@@ -36,7 +32,7 @@ class Coordinate(Protocol):
 class Scaled:
     """x = unit z, for a quantity of either sign."""
 
-    unit: Numbers
+    unit: float
 
     def natural(self, z: FloatArray) -> FloatArray:
         """Return x = unit z."""
@@ -55,7 +51,7 @@ class Scaled:
 class HalfLine:
     """x = low + exp z, for a quantity above ``low``."""
 
-    low: Numbers = 0.0
+    low: float = 0.0
 
     def natural(self, z: FloatArray) -> FloatArray:
         """Return x = low + exp z; infinite if exp overflows, where every prior has zero density."""
@@ -75,8 +71,8 @@ class HalfLine:
 class Interval:
     """x = low + (high - low)/(1 + exp -z), for a quantity between two bounds."""
 
-    low: Numbers
-    high: Numbers
+    low: float
+    high: float
 
     def natural(self, z: FloatArray) -> FloatArray:
         """Parameter value at ``z``."""
@@ -99,8 +95,8 @@ class LogScore:
     of the share of the interval itself would crowd at the lower bound.
     """
 
-    low: Numbers
-    high: Numbers
+    low: float
+    high: float
 
     def natural(self, z: FloatArray) -> FloatArray:
         """Parameter value at ``z``."""
@@ -129,8 +125,8 @@ class Bent:
     including those that a prior excludes.
     """
 
-    centre: Numbers
-    width: Numbers
+    centre: float
+    width: float
 
     def natural(self, z: FloatArray) -> FloatArray:
         """Return x = centre + width sinh z; infinite where sinh overflows."""
@@ -160,43 +156,3 @@ def coordinate_for(support: tuple[float, float]) -> Coordinate:
 def walked(prior: Prior) -> Coordinate:
     """Return the sampler coordinate of a parameter with this prior."""
     return LogScore(*prior.support) if isinstance(prior, LogUniform) else coordinate_for(prior.support)
-
-
-class Coordinates:
-    """Coordinates along the last axis of an array, evaluated in one call for each kind.
-
-    Parameters
-    ----------
-    every
-        One coordinate for each element of the last axis.
-    """
-
-    def __init__(self, every: Sequence[Coordinate]) -> None:
-        kinds: dict[type, list[int]] = {}
-        for place, one in enumerate(every):
-            kinds.setdefault(type(one), []).append(place)
-        self._alike = [(np.array(places), _stacked(every, places)) for places in kinds.values()]
-
-    def natural(self, z: FloatArray) -> FloatArray:
-        """Return parameter values at ``z``, both of shape (..., places)."""
-        return self._each(z, lambda one, values: one.natural(values))
-
-    def coordinate(self, x: FloatArray) -> FloatArray:
-        """Return coordinates of values ``x``."""
-        return self._each(x, lambda one, values: one.coordinate(values))
-
-    def log_slope(self, z: FloatArray) -> FloatArray:
-        """Return the log of |dx/dz| of each place."""
-        return self._each(z, lambda one, values: one.log_slope(values))
-
-    def _each(self, values: FloatArray, of: Callable[[Coordinate, FloatArray], FloatArray]) -> FloatArray:
-        found = np.empty(np.shape(values))
-        for places, one in self._alike:
-            found[..., places] = of(one, values[..., places])
-        return found
-
-
-def _stacked(every: Sequence[Coordinate], places: Sequence[int]) -> Coordinate:
-    """Combine several coordinates of one kind into one with array-valued constants."""
-    kind: Any = type(every[places[0]])
-    return kind(*(np.array([getattr(every[k], f.name) for k in places]) for f in fields(kind)))

@@ -82,22 +82,8 @@ class Parameter:
                 f"prior of {self.name}: {prior} allows negative values, which {self.name} cannot take; "
                 "expected lognormal, halfnormal or uniform above 0"
             )
-        self.require_median(prior)
-        return self.cut(prior)
-
-    def require_median(self, prior: Prior) -> None:
-        """Raise an error for a prior whose median is outside the range.
-
-        Raises
-        ------
-        InputError
-            With the median and the range.
-        """
         replace(self.range, unit=self.unit).require(f"prior of {self.name}: median of {prior}", prior.median)
-
-    def up_to(self, largest: float) -> Parameter:
-        """Return the same parameter with another largest value."""
-        return replace(self, range=replace(self.range, high=largest))
+        return self.cut(prior)
 
     @property
     def label(self) -> str:

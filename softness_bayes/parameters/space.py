@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.laws import Prior
 from softness_bayes.base.ranges import Range
-from softness_bayes.parameters.coordinates import Coordinate, Coordinates, walked
+from softness_bayes.parameters.coordinates import Coordinate, walked
 from softness_bayes.parameters.declared import (
     EVERY_PARAMETER,
     FABRIC_MODULUS,
@@ -25,6 +24,7 @@ from softness_bayes.parameters.declared import (
     Parameter,
 )
 from softness_bayes.parameters.joint import NAMES, JointLaw
+from softness_bayes.parameters.priors import as_prior
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
@@ -105,18 +105,20 @@ class FabricModuli:
         return np.stack([np.broadcast_to(found[one], shape) for one in batch], axis=-1)
 
 
-def require_law(name: str, law: Prior) -> None:
-    """Raise an error for a law of a modulus that allows negative values.
+def modulus_law(name: str, given: Prior | str) -> Prior:
+    """Return the law of a modulus [kPa], given as a law or in written form.
 
     Raises
     ------
     InputError
-        With the law.
+        If it is none, or allows negative values.
     """
+    law = as_prior(name, given)
     if law.support[0] < 0 or not law.median > 0:
         raise InputError(
             f"{name}: {law} allows moduli below 0, expected a distribution above 0 [kPa], such as {UNKNOWN_MODULUS}"
         )
+    return law
 
 
 def scales_of(batch: Sequence[str]) -> dict[str, str]:
@@ -154,25 +156,10 @@ class ParameterSpace:
     """The fabrics' moduli, if some are sampled; their parameters are the last of `sampled`."""
     joint: JointLaw | None = None
     """Joint law of some parameters, instead of their own priors, which are its marginals."""
-    _coordinates: Coordinates = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "held", MappingProxyType(dict(self.held)))
-        object.__setattr__(self, "bent", MappingProxyType(dict(self.bent)))
-        coordinates = tuple(self.bent.get(p.name) or walked(p.prior) for p in self.sampled)
-        object.__setattr__(self, "_coordinates", Coordinates(coordinates))
-
-    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
-        # a mapping proxy cannot be pickled for a worker
-        return type(self), (
-            self.sampled,
-            dict(self.held),
-            self.firing,
-            dict(self.bent),
-            self.rheobase,
-            self.moduli,
-            self.joint,
-        )
+        object.__setattr__(self, "held", dict(self.held))
+        object.__setattr__(self, "bent", dict(self.bent))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -201,7 +188,7 @@ class ParameterSpace:
 
     def natural(self, z: FloatArray) -> FloatArray:
         """Return points theta [natural units] at sampler coordinates ``z``, both of shape (..., dimension)."""
-        theta = self._coordinates.natural(z)
+        theta = self._each("natural", z)
         shift = self.rheobase_shift(theta)
         if self._walks_along("alpha", self.firing):
             theta[..., self._place["alpha"]] += shift
@@ -217,7 +204,14 @@ class ParameterSpace:
             theta[..., self._place["sigma_0"]] -= self._beyond_threshold(theta, shift)
         if self._walks_along("alpha", self.firing):
             theta[..., self._place["alpha"]] -= shift
-        return self._coordinates.coordinate(theta)
+        return self._each("coordinate", theta)
+
+    def _each(self, method: str, values: FloatArray) -> FloatArray:
+        """Return what a method of every parameter's coordinate returns for its values, both (..., dimension)."""
+        found = np.empty(np.shape(values))
+        for k, one in enumerate(self._coordinates):
+            found[..., k] = getattr(one, method)(values[..., k])
+        return found
 
     def _walks_along(self, name: str, other: object) -> bool:
         """Return whether a parameter's coordinate is shifted by a function of others, which preserves volume."""
@@ -244,7 +238,7 @@ class ParameterSpace:
 
     def log_jacobian(self, z: FloatArray) -> FloatArray:
         """Return the log of the volume of theta per volume of z at ``z``, shape (...)."""
-        return self._coordinates.log_slope(z).sum(axis=-1)
+        return self._each("log_slope", z).sum(axis=-1)
 
     def log_prior(self, theta: FloatArray) -> FloatArray:
         """Return the log prior density of each parameter [1/natural unit], shape (..., dimension).
@@ -260,10 +254,8 @@ class ParameterSpace:
         if self.joint is not None:
             density[..., self._jointly] = self.joint.log_density(theta[..., self._jointly])
         if self.firing is not None:
-            answered = self._answered(theta)
-            if not answered.all():
-                channels = [k for k, p in enumerate(self.sampled) if p.name in Channels._fields]
-                density[..., channels] = np.where(answered[..., None], density[..., channels], -np.inf)
+            channels = [k for k, p in enumerate(self.sampled) if p.name in Channels._fields]
+            density[..., channels] = np.where(self._answered(theta)[..., None], density[..., channels], -np.inf)
         return density
 
     def _answered(self, theta: FloatArray) -> NDArray[np.bool_]:
@@ -351,6 +343,10 @@ class ParameterSpace:
             if law is not None
         ]
         return replace(self, sampled=(*self.sampled, *extra), moduli=moduli)
+
+    @cached_property
+    def _coordinates(self) -> list[Coordinate]:
+        return [self.bent.get(p.name) or walked(p.prior) for p in self.sampled]
 
     @cached_property
     def _jointly(self) -> list[int]:

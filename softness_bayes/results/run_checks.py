@@ -18,7 +18,7 @@ from softness_bayes.likelihood.contract import RATER_EFFECTS
 from softness_bayes.likelihood.error_laws import LAPSES, STUDENT
 from softness_bayes.likelihood.models import OF_DIFFERENT_RATERS
 from softness_bayes.likelihood.scales import PAIRS, RANKS
-from softness_bayes.model.fingers import finer_family_of
+from softness_bayes.model.fingers import family_of
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.prediction import drive_slope, rates_of_other_moduli, rates_of_other_skins
 from softness_bayes.model.scenes import at_other_loads
@@ -56,7 +56,7 @@ def exact_log_likelihood(posterior: Posterior, theta: Array) -> Array:
         The points, shape (points, dimension).
     """
     exact, fingers = posterior.scene.exact(), posterior.fingers
-    finer = None if fingers is None else finer_family_of(exact, fingers.grid.finer())
+    finer = None if fingers is None else family_of(exact, fingers.grid.finer(), finer=True)
     finest, others = posterior.with_term(posterior.observation.finer()), None
     if posterior.other_loads is not None:
         try:

@@ -182,13 +182,6 @@ def ess_between(walks: FloatArray) -> FloatArray:
     return np.asarray(np.min([size(one) for one in of], axis=0))
 
 
-def relative_error(estimates: FloatArray) -> float:
-    """Return the standard error of the mean of independent estimates, relative to it; infinite if one is infinite."""
-    if not np.isfinite(estimates).all():
-        return math.inf
-    return float(estimates.std(ddof=1) / math.sqrt(estimates.size) / estimates.mean())
-
-
 class Estimate(NamedTuple):
     """An estimate from draws."""
 

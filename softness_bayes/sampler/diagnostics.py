@@ -20,7 +20,6 @@ from softness_bayes.sampler.chain_statistics import (
     own_time,
     pooled_time,
     r_hat_between,
-    relative_error,
 )
 
 FloatArray = NDArray[np.float64]
@@ -334,7 +333,9 @@ def look(
         walks, tau = np.concatenate([walks, held[:, mixed]], axis=1), np.concatenate([tau, times[mixed]])
         names = (*names, *(f"the share of mode {k + 1}" for k in mixed))
     worst, missing = int(tau.argmax()), np.full(len(names), math.nan)
-    of_each = pooled_time(walks[:, worst]) if math.isfinite(tau[worst]) else np.full(len(values), math.inf)
+    of_each = pooled_time(walks[:, worst])
+    known = math.isfinite(tau[worst]) and np.isfinite(of_each).all()
+    tau_error = float(of_each.std(ddof=1) / math.sqrt(of_each.size) / of_each.mean()) if known else math.inf
     verdict = Verdict(
         names=names,
         steps=stored * stride,
@@ -343,7 +344,7 @@ def look(
         ensembles=len(values),
         walkers=walkers,
         tau=tau * stride,
-        tau_error=relative_error(of_each),
+        tau_error=tau_error,
         r_hat=r_hat_between(walks),
         ess_bulk=missing,
         ess_tail=missing,

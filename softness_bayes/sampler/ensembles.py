@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.sampler.adaptation import TriangularMap
 from softness_bayes.sampler.chains import EnsembleState, Segment, random_state
-from softness_bayes.sampler.moves import Moves, Proposal, fitted
+from softness_bayes.sampler.moves import Moves, Proposal, Student, StudentModes
 from softness_bayes.sampler.target import TargetDensity
 
 FloatArray = NDArray[np.float64]
@@ -49,8 +49,10 @@ def advance(
     modes
         Maps of the density's modes, if it has several.
     """
-    proposals, shares = zip(*fitted(moves, map, modes), strict=True)
-    chances = np.array(shares) / sum(shares)
+    about = tuple(modes)  # of a density with several modes: proposals about the origin become proposals about each
+    proposals = [StudentModes(one, map, about) if about and isinstance(one, Student) else one for one, _ in moves]
+    chances = np.array([share for _, share in moves])
+    chances /= sum(share for _, share in moves)
     ensembles = [_Ensemble(state, steps // stride) for state in states]
     for step in range(1, steps + 1):
         for one in ensembles:

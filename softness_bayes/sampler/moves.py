@@ -6,9 +6,8 @@ needed only in the processes that move walkers.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,23 +18,6 @@ FloatArray = NDArray[np.float64]
 
 Proposed = tuple[FloatArray, FloatArray]
 """Proposed points (walkers, dimension), and the log ratio of proposal densities, old over new, shape (walkers,)."""
-
-
-class Mode(NamedTuple):
-    """A mode of the density, for walkers in the coordinates of a map."""
-
-    walkers: TriangularMap
-    """The map that defines the walkers' coordinates y."""
-    own: TriangularMap
-    """Map of the mode, in whose coordinates u the mode is nearly standard normal."""
-
-    def forward(self, u: FloatArray) -> FloatArray:
-        """Return the walkers' coordinates y of points in the mode's coordinates."""
-        return self.walkers.inverse(self.own.forward(u))
-
-    def inverse(self, y: FloatArray) -> FloatArray:
-        """Return the mode's coordinates of walkers at ``y``."""
-        return self.own.inverse(self.walkers.forward(y))
 
 
 class Proposal(Protocol):
@@ -136,10 +118,18 @@ class StudentModes:
 
     They move walkers between modes of any distance and width, so that the share of walkers in each mode is proportional
     to its mass.
+
+    Parameters
+    ----------
+    law
+        The law in the coordinates of a mode's own map, in which the mode is nearly standard normal.
+    walkers, modes
+        The map that defines the walkers' coordinates y, and those of the modes.
     """
 
     law: Student
-    modes: tuple[Mode, ...]
+    walkers: TriangularMap
+    modes: tuple[TriangularMap, ...]
     in_halves: ClassVar[bool] = False
 
     def __call__(self, y: FloatArray, random: np.random.RandomState, others: FloatArray | None = None) -> Proposed:
@@ -148,24 +138,13 @@ class StudentModes:
         u, _ = self.law(y, random)
         proposed = np.empty_like(y)
         for k, mode in enumerate(self.modes):
-            proposed[chosen == k] = mode.forward(u[chosen == k])
+            proposed[chosen == k] = self.walkers.inverse(mode.forward(u[chosen == k]))
         return proposed, self._log_density(y) - self._log_density(proposed)
 
     def _log_density(self, y: FloatArray) -> FloatArray:
-        of_each = [self.law.log_density(mode.inverse(y)) - mode.own.log_volume for mode in self.modes]
+        z = self.walkers.forward(y)
+        of_each = [self.law.log_density(mode.inverse(z)) - mode.log_volume for mode in self.modes]
         return np.asarray(np.logaddexp.reduce(of_each, axis=0))
-
-
-def fitted(moves: Moves, map: TriangularMap, modes: Sequence[TriangularMap]) -> Moves:
-    """Return the moves of walkers in the coordinates of a map.
-
-    For a multimodal density, proposals about the origin become proposals about each mode.
-    """
-    about = tuple(Mode(map, own) for own in modes)
-    return tuple(
-        (StudentModes(proposal, about) if about and isinstance(proposal, Student) else proposal, share)
-        for proposal, share in moves
-    )
 
 
 FIRST_MOVES: Moves = ((DifferentialEvolution(), 0.9), (DifferentialEvolution(1.0), 0.1))

@@ -59,15 +59,17 @@ class Optimum(NamedTuple):
         return self.log_density + self.log_volume
 
 
-def find_optimum(target: TargetDensity, rng: np.random.Generator, best: bool = True) -> Optimum:
+def find_optimum(
+    target: TargetDensity, seed: np.random.Generator | np.random.SeedSequence, best: bool = True
+) -> Optimum:
     """Return the optimum reached from one of `CANDIDATES` starting draws.
 
     Parameters
     ----------
     target
         The density.
-    rng
-        Random generator of the starting draws.
+    seed
+        Random generator of the starting draws, or its seed.
     best
         Whether to start from the most probable draw or from the first one of positive density. The best of many draws
         is rarely near a narrow mode.
@@ -77,7 +79,7 @@ def find_optimum(target: TargetDensity, rng: np.random.Generator, best: bool = T
     NumericalError
         If all those draws have density zero.
     """
-    candidates = target.draw_start(rng, CANDIDATES)
+    candidates = target.draw_start(np.random.default_rng(seed), CANDIDATES)
     density = target(candidates)
     if not np.isfinite(density).any():
         raise NumericalError(f"all of {CANDIDATES} starting points have probability zero")
@@ -103,7 +105,8 @@ def climb(
         return -values[0], (backward - forward) / (2.0 * _STEP)
 
     found = minimize(downhill, start, jac=True, bounds=bounds, method="L-BFGS-B", options=options)
-    return Optimum(found.x, -float(found.fun), _inverse_root(_curvature(target, found.x)))
+    size, vectors = np.linalg.eigh(_curvature(target, found.x))
+    return Optimum(found.x, -float(found.fun), vectors / np.sqrt(np.maximum(size, _LEAST_CURVATURE)))
 
 
 def scatter(
@@ -174,12 +177,8 @@ def _curvature(target: Callable[[FloatArray], FloatArray], point: FloatArray) ->
     pairs = steps[:, None] + steps, steps[:, None] - steps
     corners = np.concatenate([p.reshape(-1, point.size) for p in (pairs[0], pairs[1], -pairs[1], -pairs[0])])
     values = np.maximum(target(point + corners), -1e12).reshape(4, point.size, point.size)
-    return (values[1] + values[2] - values[0] - values[3]) / (4.0 * _CURVATURE_STEP**2)
-
-
-def _inverse_root(curvature: FloatArray) -> FloatArray:
-    size, vectors = np.linalg.eigh(0.5 * (curvature + curvature.T))
-    return vectors / np.sqrt(np.maximum(size, _LEAST_CURVATURE))
+    curvature = (values[1] + values[2] - values[0] - values[3]) / (4.0 * _CURVATURE_STEP**2)
+    return 0.5 * (curvature + curvature.T)
 
 
 def place_walkers(
@@ -210,7 +209,9 @@ def place_walkers(
     ]
     workers.start()
     arviz_bridge.load()  # while the processes start
-    climbs, failed = watched(workers, [(_climb, climb, k == 0) for own in seeds for k, climb in enumerate(own[2:])])
+    climbs, failed = watched(
+        workers, [(find_optimum, climb, k == 0) for own in seeds for k, climb in enumerate(own[2:])]
+    )
     climbed = iter(climbs)
     own_climbs = [[next(climbed) for _ in own[2:]] for own in seeds]
     groups = worth_starting_from(own_climbs)
@@ -235,16 +236,8 @@ def place_walkers(
 
 def watched(workers: Workers, tasks: list[tuple[Any, ...]]) -> tuple[list[Any], Nonfinite]:
     """Return the results of tasks (work, argument, ...), and the points at which the density could not be computed."""
-    done = workers.map(_watch, tasks)
+    done = workers.map(watching, tasks)
     return [value for value, _ in done], sum((found for _, found in done), Nonfinite())
-
-
-def _watch(target: TargetDensity, work: Callable[..., Any], *task: Any) -> tuple[Any, Nonfinite]:
-    return watching(work, getattr(target, "for_sampling", target), *task)
-
-
-def _climb(target: TargetDensity, seed: np.random.SeedSequence, best: bool) -> Optimum:
-    return find_optimum(target, np.random.default_rng(seed), best)
 
 
 def _place(

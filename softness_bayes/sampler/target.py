@@ -106,18 +106,8 @@ class Watched:
     def __init__(self, target: TargetDensity) -> None:
         self._target, self.found = target, Nonfinite()
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters."""
-        return self._target.names
-
-    def natural(self, z: FloatArray) -> FloatArray:
-        """Return parameters [natural units] at coordinates ``z``."""
-        return self._target.natural(z)
-
-    def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
-        """Draw dispersed points at which a search for optima may start."""
-        return self._target.draw_start(rng, size)
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._target, name)
 
     def __call__(self, z: FloatArray) -> FloatArray:
         """Return the log density at ``z`` (points, dimension), shape (points,): minus infinity at failures."""
@@ -128,8 +118,9 @@ class Watched:
             value, raised = self._one_by_one(z)
         wrong = np.isnan(value) | np.isposinf(value)
         if wrong.any():
+            stage = getattr(self._target, "failing_stage", lambda z: "density")
             indices = np.flatnonzero(wrong)[:KEPT].tolist()
-            failures = tuple(Failure(tuple(z[i].tolist()), raised.get(i) or self._stage(z[i])) for i in indices)
+            failures = tuple(Failure(tuple(z[i].tolist()), raised.get(i) or stage(z[i])) for i in indices)
             self.found += Nonfinite(0, int(wrong.sum()), failures)
             value[wrong] = -np.inf
         self.found += Nonfinite(len(value))
@@ -145,19 +136,16 @@ class Watched:
                 raised[i] = str(error)
         return value, raised
 
-    def _stage(self, z: FloatArray) -> str:
-        return str(self._target.failing_stage(z)) if hasattr(self._target, "failing_stage") else "density"
 
-
-def watching(work: Callable[..., Value], target: TargetDensity, *task: Any) -> tuple[Value, Nonfinite]:
-    """Return ``work(target, *task)`` and the failures of the target during it.
+def watching(target: TargetDensity, work: Callable[..., Value], *task: Any) -> tuple[Value, Nonfinite]:
+    """Return ``work(target, *task)``, with the target as it is sampled, and the failures of the target during it.
 
     Raises
     ------
     NumericalError
         If raised by the work; the failures so far are added to the message.
     """
-    watched = Watched(target)
+    watched = Watched(getattr(target, "for_sampling", target))
     try:
         return work(watched, *task), watched.found
     except NumericalError as error:

@@ -137,7 +137,7 @@ class Workers:
     def start(self) -> None:
         """Begin to start all processes, which otherwise start with their first tasks."""
         for _ in range(self._processes if self._pool is not None else 0):
-            self.later(_nothing)
+            self.later(id)
 
     def _begun(self, work: Callable[..., Result], tasks: Mapping[int, tuple[Any, ...]]) -> dict[Future[Result], int]:
         """Submit tasks, as long as no process has died, and return the index of each one."""
@@ -145,9 +145,9 @@ class Workers:
         with suppress(BrokenExecutor), _shielded():
             for k, task in tasks.items():
                 if self._given is not None:
-                    running[self._given.submit(_on_one_thread, work, self._sent, task)] = k
+                    running[self._given.submit(_on_one_thread, work, task, self._sent)] = k
                 elif self._pool is not None:
-                    running[self._pool.submit(_in_worker, work, task)] = k
+                    running[self._pool.submit(_on_one_thread, work, task)] = k
         return running
 
     def _renew(self) -> None:
@@ -170,7 +170,7 @@ class Workers:
         """Begin tasks, and return index and result of every one as it finishes; those whose process died repeat."""
         left = dict(enumerate(tasks))
         if self._pool is None and self._given is None:
-            return ((k, _on_one_thread(work, self._resident, task)) for k, task in left.items())
+            return ((k, _on_one_thread(work, task, self._resident)) for k, task in left.items())
         return self._collected(work, left, self._begun(work, left))
 
     def _collected(
@@ -253,17 +253,9 @@ def _end_with_parent() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _nothing(_: Any) -> None:
-    """Do nothing."""
-
-
-def _in_worker(work: Callable[..., Result], task: tuple[Any, ...]) -> Result:
-    return _on_one_thread(work, _resident, task)
-
-
-def _on_one_thread(work: Callable[..., Result], resident: Any, task: tuple[Any, ...]) -> Result:
+def _on_one_thread(work: Callable[..., Result], task: tuple[Any, ...], resident: Any = None) -> Result:
     with one_thread():
-        return work(resident, *task)
+        return work(_resident if resident is None else resident, *task)
 
 
 def one_thread() -> AbstractContextManager[Any]:

@@ -13,7 +13,7 @@ from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.layout import Layout
 from softness_bayes.likelihood.scales import FALLS, FREE, RISES
 from softness_bayes.model.build import ExperimentModel, build
-from softness_bayes.model.direction import LEVEL, condition_means, find_trend, mean_correlation, odd_raters
+from softness_bayes.model.direction import LEVEL, condition_means, find_trend, odd_raters, rank_correlations
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.scene import Discretisation
@@ -60,7 +60,7 @@ def test_the_interval_of_a_correlation_holds_the_estimate(rng):
         found = find_trend(layout, ratings).mean
         assert found.low <= found.value <= found.high
         weights = rng.exponential(size=(200, 6))
-        others = mean_correlation(layout, condition_means(layout, ratings, weights))
+        others = rank_correlations(layout, condition_means(layout, ratings, weights), layout.modulus)[1]
         missed += not np.quantile(others, 0.05) <= found.value <= np.quantile(others, 0.95)
     assert missed  # negative control
 

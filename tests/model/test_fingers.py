@@ -9,7 +9,7 @@ from oracles.reference import reference_response
 from softness_bayes import Compression, read_experiment
 from softness_bayes.base.errors import InputError
 from softness_bayes.model.build import build, forces_of
-from softness_bayes.model.fingers import finger_of, require_finger, values_of
+from softness_bayes.model.fingers import finger_of, values_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.result import Result
 from softness_bayes.touch.contact import Finger
@@ -41,7 +41,7 @@ def test_values_make_the_finger_they_name_and_no_others_change_it():
 )
 def test_what_is_no_finger_is_refused(values, said):
     with pytest.raises(InputError, match=said):
-        require_finger(values)
+        finger_of(values)
 
 
 def test_the_response_is_that_of_the_finger(tmp_path):

@@ -16,7 +16,7 @@ from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT
 from softness_bayes.touch.neuron.surface import DESIGNS
 from softness_bayes.touch.parameters import TouchParameters
 
-EVERYTHING = parameter_space(free=HELD)
+EVERYTHING = parameter_space(priors={name: PARAMETERS[name].prior for name in HELD})
 
 
 def test_names_and_order_are_those_of_the_files():
@@ -72,7 +72,7 @@ def test_every_prior_ends_where_firing_begins_at_a_jump():
 
 
 def test_choices_of_the_user():
-    space = parameter_space(free=["omega"], fix={"b": 80}, priors={"eps": LogNormal(0.2, 0.5)})
+    space = parameter_space(fix={"b": 80}, priors={"omega": HalfNormal(0.5), "eps": LogNormal(0.2, 0.5)})
     assert space.names == tuple(name for name in PARAMETERS if name != "b")
     assert space.held["b"] == 80
     assert space.sampled[-1].prior == LogNormal(0.2, 0.5)

@@ -19,7 +19,10 @@ def test_they_are_absent_unless_they_are_freed(rng):
     theta = usual.draw_prior(rng, 3)
     assert not SHAPE_PARAMETERS.keys() & {*usual.names, *usual.held}
     assert usual.touch(theta)[-3:] == (0.0, 0.0, 1.0)
-    for free in (parameter_space(priors=LAWS), parameter_space(free=SHAPE_PARAMETERS)):
+    for free in (
+        parameter_space(priors=LAWS),
+        parameter_space(priors={name: one.prior for name, one in SHAPE_PARAMETERS.items()}),
+    ):
         assert free.names == (*usual.names, "radius", "receptor_depth")
         assert {p.unit for p in free.sampled[-2:]} == {"mm"}
     touch = parameter_space(priors=LAWS).touch(np.column_stack([theta, np.full((3, 2), (8.0, 0.7))]))

@@ -8,7 +8,7 @@ from softness_bayes.runs.saved import read_last
 from softness_bayes.sampler.adaptation import TriangularMap
 from softness_bayes.sampler.diagnostics import Starts
 from softness_bayes.sampler.modes import labels, learn_modes
-from softness_bayes.sampler.moves import Mode, Student, StudentModes
+from softness_bayes.sampler.moves import Student, StudentModes
 from softness_bayes.sampler.sampling import walk
 from softness_bayes.sampler.starts import Optimum, separate, worth_starting_from
 from support.several_modes import (
@@ -148,7 +148,7 @@ def test_proposals_about_modes_have_the_density_that_they_state(rng):
     bends = (np.zeros(1),)
     walkers = TriangularMap(np.array([1.0]), np.array([[2.0]]), np.array([1.5]), bends)
     own = [TriangularMap.affine(np.array([c]), np.array([[s]])) for c, s in ((-3.0, 0.1), (4.0, 1.0))]
-    proposal = StudentModes(Student(), tuple(Mode(walkers, one) for one in own))
+    proposal = StudentModes(Student(), walkers, tuple(own))
     grid = np.linspace(-60, 60, 600_001)[:, None]
     origin, random = np.zeros_like(grid), np.random.RandomState(2)
     density = np.exp(proposal._log_density(grid))

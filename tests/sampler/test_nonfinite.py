@@ -86,7 +86,7 @@ def test_an_error_at_some_points_is_a_failure_of_those_alone():
     assert watched.found == Nonfinite(3, 1, (Failure((2.0, 0.0), "x is too large"),))
     # other errors are faults of the program, which must not be taken for points without weight
     with pytest.raises(KeyError):
-        watching(lambda target: {}["nothing"], Raising(np.nan))
+        watching(Raising(np.nan), lambda target: {}["nothing"])
 
 
 class Broken(FakeScene):
