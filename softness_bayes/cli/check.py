@@ -76,7 +76,7 @@ def check(
             raise InputError("check: --design, --cost and --figure need ratings: give --data, or omit them")
         known: dict[str, Any] = {"schema": SCHEMA, **text.understood_measurements(experiment)}
         known["notes"] = list(experiment.notes)
-        _echo(known if json_ else [*text.measurement_lines(experiment), *_notes(known["notes"])])
+        _echo(known if json_ else [*text.measurement_lines(experiment), *(f"note: {note}" for note in known["notes"])])
         return
     made = ExperimentModel(experiment, model)
     reached = reach_of(made)
@@ -99,7 +99,7 @@ def check(
                 "",
             ]
         lines += [f"warning: {reached}\n"] if reached else []
-        lines += [*text.table_lines(known, experiment, model), *_notes(notes)]
+        lines += [*text.table_lines(known, experiment, model), *(f"note: {note}" for note in notes)]
         lines += ["\nWhat do the numbers say?", known["model"]["numbers"], known["model"]["errors_because"]]
         lines += ["\nDo ratings rise or fall with stiffness?", *known["model"]["direction_because"]]
         lines += ["", *text.cost_lines(made)] if cost else []
@@ -108,10 +108,6 @@ def check(
     if figure is not None:
         _draw(figure, experiment, model, made.interpretation)
         click.echo(f"drawn in {figure}", err=True)
-
-
-def _notes(notes: list[str]) -> list[str]:
-    return [f"note: {note}" for note in notes]
 
 
 def _echo(said: dict[str, Any] | list[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from softness_bayes.base.defaults import MOST_SHOWN
@@ -19,6 +20,9 @@ SPREADS = frozenset({"tau", "varsigma", "omega", "tau_b", "tau_m", "varsigma_f"}
 """Standard deviations of participants, fabrics and ratings, which are estimated better with more of each."""
 
 TOUCHES = "Which touches would tell most? 'softness-bayes design' with these tables; after a run, with --given DIR."
+
+BATCH = 64
+"""Parameter vectors of a call whose time is measured."""
 
 MOST_OTHERS, MOST_ROWS = 6, 40
 """Largest numbers of alternative designs that are listed, and of rows of people's means that are shown."""
@@ -77,19 +81,26 @@ def cost_lines(model: ExperimentModel) -> list[str]:
     and of log(N/N_ref + eps). Costs are the time per parameter vector in batches of 64, measured on this machine; those
     of presets are without the likelihood.
     """
+    import numpy as np
     import pandas as pd
 
-    from softness_bayes.experiments.understanding import BATCH, ladder, likelihood_seconds
+    from softness_bayes.bench.precision import quickest
     from softness_bayes.model.scenes import prior_draws
     from softness_bayes.sampler.sampling import Settings
-    from softness_bayes.sampler.workers import available_processors
-    from softness_bayes.touch.accuracy import DRAWS, PRESETS
+    from softness_bayes.sampler.workers import available_processors, one_thread
+    from softness_bayes.touch.accuracy import DRAWS, PRESETS, first, measured
     from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 
-    scene, chosen, draws = model.scene, model.resolution, prior_draws(model.posterior.space)
+    scene, chosen, posterior, settings = model.scene, model.resolution, model.posterior, Settings()
     assert chosen is not None, "the command line sets an accuracy"
-    cost, settings = likelihood_seconds(model.posterior), Settings()
-    usual = settings.usual_evaluations(len(model.posterior.names))
+    rng, draws = np.random.default_rng(0), prior_draws(posterior.space)
+    middle, some = np.median(posterior.draw_start(rng, 500), axis=0), first(draws.parameters, BATCH)
+    points = middle + 0.2 * rng.standard_normal((BATCH, middle.size))
+    with one_thread():
+        cost = quickest(lambda: posterior.for_sampling(points), 3) / BATCH
+        each = [measured(scene.recompiled(discretisation=preset), draws) for preset in PRESETS]
+        ladder = [(one, quickest(partial(one.scene.total_rate, some), 3) / BATCH) for one in each]
+    usual = settings.usual_evaluations(middle.size)
     cores = min(settings.ensembles, available_processors())
     d = chosen.discretisation
     terms = {one: "all terms" if one.rate_terms is None else f"{one.rate_terms} terms" for one in (d, *PRESETS)}
@@ -111,7 +122,7 @@ def cost_lines(model: ExperimentModel) -> list[str]:
             "cost [µs]": f"{1e6 * taken:.1f}",
             "": "<- chosen" if one.discretisation == d else "",
         }
-        for one, taken in ladder(scene, draws)
+        for one, taken in ladder
     ]
     return [
         f"accuracy {model.options.accuracy:g}, {scene.n_conditions} conditions, errors over {DRAWS} draws of the prior",

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,10 +18,7 @@ from softness_bayes.likelihood.scales import CATEGORIES, PAIRS, RANKS
 from softness_bayes.model.build import COARSE, ExperimentModel, build, people_notes
 from softness_bayes.model.direction import odd_raters
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.posterior import Posterior
-from softness_bayes.touch.accuracy import PRESETS, ChosenResolution, Draws, first, measured
 from softness_bayes.touch.load_groups import groups_of
-from softness_bayes.touch.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -268,34 +262,3 @@ def _ratios(expected: Expected) -> dict[str, Any]:
 def _quantiles(values: Any) -> list[float] | None:
     """Return limits and median over true parameter vectors, to four digits; None if there are none."""
     return [float(f"{x:.4g}") for x in np.quantile(values, LIMITS)] if values.size else None
-
-
-BATCH, REPEATS = 64, 12
-"""Parameter vectors per timed call, and number of calls; the fastest one is used."""
-
-
-def ladder(scene: Scene, draws: Draws) -> list[tuple[ChosenResolution, float]]:
-    """Return a scene at every preset with its measured errors, and the time for each parameter vector [s]."""
-    presets = [measured(scene.recompiled(discretisation=preset), draws) for preset in PRESETS]
-    some = first(draws.parameters, BATCH)
-    return [(one, seconds(partial(one.scene.total_rate, some))) for one in presets]
-
-
-def likelihood_seconds(posterior: Posterior) -> float:
-    """Return the time [s] that the posterior takes for each parameter vector near the medians of the priors."""
-    rng = np.random.default_rng(0)
-    middle = np.median(posterior.draw_start(rng, 500), axis=0)
-    return seconds(partial(posterior.for_sampling, middle + 0.2 * rng.standard_normal((BATCH, middle.size))))
-
-
-def seconds(call: Callable[[], Any]) -> float:
-    """Return the time [s] per parameter vector that a function takes for `BATCH` of them on one core."""
-    from threadpoolctl import threadpool_limits
-
-    taken = []
-    with threadpool_limits(1):
-        for _ in range(REPEATS):
-            begun = time.process_time()
-            call()
-            taken.append(time.process_time() - begun)
-    return min(taken) / BATCH

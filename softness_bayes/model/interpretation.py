@@ -62,8 +62,17 @@ def interpret(ratings: Ratings, options: ModelOptions) -> Interpretation:
             f"{ratings.source}: the rows are pairs of fabrics (column fabric_2), which are {scales.PAIRS.name}, not "
             f"{options.scale.name} ratings; add --ratings {scales.PAIRS.name}"
         )
-    if (ratings.cells is not None) != (options.scale == scales.AGGREGATED):
-        raise InputError(_wrong_cells(ratings, options))
+    means = scales.AGGREGATED.name
+    if options.scale == scales.AGGREGATED and ratings.cells is None:
+        raise InputError(
+            f"{ratings.source}: {means} ratings are geometric means of n raters: expected the columns geometric_mean "
+            "(or mean and sd) and n, and geometric_sd where it is known"
+        )
+    if options.scale != scales.AGGREGATED and ratings.cells is not None:
+        raise InputError(
+            f"{ratings.source}: the rows are means of {ratings.cells.raters} raters, which are {means}, not "
+            f"{options.scale.name} ratings; add --ratings {means}"
+        )
     if options.scale.model is not None:
         return _with_custom_model(ratings, options)
     alone = _needs_closed_form(ratings, options)
@@ -79,7 +88,13 @@ def interpret(ratings: Ratings, options: ModelOptions) -> Interpretation:
             f"{ratings.source}: {(ratings.rating <= 0).sum()} ratings are 0, and {alone} need ratings above 0; "
             "leave these out with --drop-zeros, or omit that option"
         )
-    intervals = _intervals_of(ratings, options, 0.0 if alone else options.resolution)
+    if options.slider_ends != (0.0, 1.0) and options.scale != scales.SLIDER:
+        raise InputError(f"slider: ends are given for {options.scale.name} ratings; add --ratings slider, or omit them")
+    ends = options.slider_ends if options.scale == scales.SLIDER else None
+    if options.scale == scales.CATEGORIES:
+        intervals = stated(replace(ratings, resolution=None), 0.0)
+    else:
+        intervals = stated(ratings, 0.0 if alone else options.resolution, ends)
     if options.errors is not None:
         law, why = options.errors, options.errors.meaning + ("" if "errors" in options.decided else ", as asked")
     elif alone:
@@ -108,19 +123,6 @@ def _require_none(ratings: Ratings, wrong: NDArray[np.intp], expected: str, rest
             f"{ratings.source}: row {ratings.rows[i]}, column {ratings.rating_column!r}: expected {expected}, got "
             f"{ratings.rating[i]:.15g} ({wrong.size} of {len(ratings)} {rest}"
         )
-
-
-def _wrong_cells(ratings: Ratings, options: ModelOptions) -> str:
-    """Return the reason for which cell means, or single ratings, do not fit the requested scale."""
-    if ratings.cells is None:
-        return (
-            f"{ratings.source}: {scales.AGGREGATED.name} ratings are geometric means of n raters: expected the columns "
-            "geometric_mean (or mean and sd) and n, and geometric_sd where it is known"
-        )
-    return (
-        f"{ratings.source}: the rows are means of {ratings.cells.raters} raters, which are "
-        f"{scales.AGGREGATED.name}, not {options.scale.name} ratings; add --ratings {scales.AGGREGATED.name}"
-    )
 
 
 def _with_custom_model(ratings: Ratings, options: ModelOptions) -> Interpretation:
@@ -318,16 +320,6 @@ def _count_of(ratings: Ratings, options: ModelOptions) -> int:
     if options.resolution is not None or ratings.resolution is not None:
         raise InputError("ratings: categories have no resolution; omit it")
     return count
-
-
-def _intervals_of(ratings: Ratings, options: ModelOptions, resolution: float | None) -> Stated:
-    if options.scale == scales.CATEGORIES:
-        return stated(replace(ratings, resolution=None), 0.0)
-    if options.scale == scales.SLIDER:
-        return stated(ratings, resolution, options.slider_ends)
-    if options.slider_ends != (0.0, 1.0):
-        raise InputError(f"slider: ends are given for {options.scale.name} ratings; add --ratings slider, or omit them")
-    return stated(ratings, resolution)
 
 
 def _needs_closed_form(ratings: Ratings, options: ModelOptions) -> str:

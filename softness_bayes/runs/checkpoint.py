@@ -23,7 +23,7 @@ from softness_bayes.base.files.whole import is_part, write_whole
 from softness_bayes.runs import saved
 from softness_bayes.runs.identity import differences
 from softness_bayes.sampler.chains import RunState
-from softness_bayes.sampler.schedule import Schedule
+from softness_bayes.sampler.sampling import Settings
 from softness_bayes.sampler.target import TargetDensity
 
 INTERVAL, USUAL = 2.0, 0.1
@@ -191,7 +191,7 @@ class Checkpoint:
                 "with its original options and data, or start a new run in another directory"
             )
 
-    def keep(self, state: RunState, schedule: Schedule, target: TargetDensity) -> None:
+    def keep(self, state: RunState, schedule: Settings, target: TargetDensity) -> None:
         """Write a state, or hold it in memory if the last one was written very recently.
 
         Parameters
@@ -245,7 +245,7 @@ class Checkpoint:
         self._kept = (self._record.number,)
         return self._record
 
-    def _write(self, state: RunState, schedule: Schedule, target: TargetDensity) -> None:
+    def _write(self, state: RunState, schedule: Settings, target: TargetDensity) -> None:
         before = self._state
         if before is None:
             self._require_vacant()

@@ -23,7 +23,7 @@ from softness_bayes.base.files.run_files import CHECKPOINT, LOCK
 from softness_bayes.base.files.whole import seal_of, unsealed
 from softness_bayes.sampler.chains import RunState, Segment
 from softness_bayes.sampler.diagnostics import Verdict
-from softness_bayes.sampler.schedule import Schedule
+from softness_bayes.sampler.sampling import Settings
 
 FORMAT = 6
 """Version of the layout; other versions are rejected."""
@@ -59,7 +59,7 @@ class Status(NamedTuple):
     """True if it is a first look started from the command line."""
 
     @classmethod
-    def of(cls, state: RunState, schedule: Schedule, request: Any) -> Status:
+    def of(cls, state: RunState, schedule: Settings, request: Any) -> Status:
         """Return the status of a run that has reached a state, before its results are written.
 
         Parameters
