@@ -82,7 +82,8 @@ def of_input(
     """
     matches = [(match, advise) for pattern, advise in ADVICE if (match := re.search(pattern, message))]
     for hint in (*hints, {}):
-        added = words_of(hint)
+        columns = [("--column", f"{name}={title}") for name, title in hint.items() if name != "wide"]
+        added = [word for pair in [*columns, ("--wide",) * ("wide" in hint)] for word in pair]
         advice = [words for match, advise in matches if (words := advise(match, [*typed, *added]))]
         # the advice is either a complete command, or words to add to the typed command
         complete = next((words for words in advice if words[0] == PROGRAM), None)
@@ -92,19 +93,13 @@ def of_input(
     return ""
 
 
-def words_of(hint: Mapping[str, str]) -> list[str]:
-    """Return the options that read a table with other columns, by name, or as a wide one."""
-    columns = [word for name, title in hint.items() if name != "wide" for word in ("--column", f"{name}={title}")]
-    return [*columns, *(["--wide"] if "wide" in hint else [])]
-
-
 def working(verb: str, typed: Sequence[str] = ()) -> list[str]:
     """Return a command with arguments that work in this directory, or a command that creates the missing file.
 
     Runs that were named on the command line are preferred to others.
     """
     try:
-        words = WORKS[verb]([*dict.fromkeys([*filter(is_run, typed), *finished_runs()])])
+        words = WORKS[verb]([*dict.fromkeys([*filter(is_run, typed), *_entries("results", is_run)])])
     except IndexError:  # too few runs
         return working("sample") if readable_ratings() is not None else [PROGRAM, "demo"]
     known = [word for word in words if word is not None]
@@ -222,11 +217,6 @@ def readable_fabrics(rated: str = "", columns: Mapping[str, str] = MappingProxyT
         if (table := _reads(Fabrics.read, name)) and names <= {*table.names}:
             return name
     return None
-
-
-def finished_runs() -> list[str]:
-    """Return the names of directories with a finished run, `results` first."""
-    return _entries("results", is_run)
 
 
 def is_run(path: str) -> bool:

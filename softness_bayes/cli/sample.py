@@ -20,12 +20,11 @@ from softness_bayes.cli.options import Force, Given, NoFigures, Out, OwnFigures,
 from softness_bayes.cli.running import command_line
 from softness_bayes.cli.terminal import Bar, in_numbers, needed, telling
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.results.run_options import DataFiles, RunOptions, require_no_ratings_needed
+from softness_bayes.results.run_options import DataFiles, Request, RunOptions, require_no_ratings_needed
 
 if TYPE_CHECKING:
     from softness_bayes.data import Experiment, Measurements
     from softness_bayes.model.build import ExperimentModel, SkinModel
-    from softness_bayes.results.run_options import Request
     from softness_bayes.runs.checkpoint import Checkpoint
     from softness_bayes.runs.saved import Status
 
@@ -65,7 +64,6 @@ def sample(
     """
     with telling("reading the tables"):
         from softness_bayes.data import Measurements  # inside, because the imports take longer than the tables
-        from softness_bayes.results.run_options import Request
         from softness_bayes.runs.checkpoint import Checkpoint
 
         data = files.read()
@@ -74,12 +72,14 @@ def sample(
         if data.compression is not None and not typed("prior_set"):
             model = replace(model, prior_set="wide")
             _note("without ratings the default is --priors wide, which is weakly informative about the skin")
-    if _evaluated(data, model):
-        return
     drawn = None if no_figures else figure
     _require_drawn(drawn)
-    request = Request(model, replace(how, command=command_line()))
-    _run(Checkpoint.create(out, force, inputs=files.paths), files, data, request, drawn, verbose)
+    built = _compiled(data, model)
+    if built.posterior.space.sampled:
+        run = replace(how, command=command_line())
+        _run(Checkpoint.create(out, force, inputs=files.paths), files, built, run, drawn, verbose)
+    else:
+        _evaluate(built)
 
 
 @command
@@ -118,7 +118,6 @@ def resume(
     """
     from softness_bayes.base.files.records import require_trusted
     from softness_bayes.checking.provenance import VERSION, versions
-    from softness_bayes.results.run_options import Request
     from softness_bayes.runs.checkpoint import Checkpoint
     from softness_bayes.runs.identity import differences
 
@@ -160,7 +159,7 @@ def resume(
             )
     figures = request.get("own_figures", []) if request["figures"] and not no_figures else None
     _require_drawn(figures)
-    _run(checkpoint, files, files.read(), Request(model, how), figures, verbose, moved.words())
+    _run(checkpoint, files, _compiled(files.read(), model), how, figures, verbose, moved.words())
 
 
 def _note(text: str) -> None:
@@ -176,28 +175,25 @@ def _require_drawn(names: Sequence[str] | None) -> None:
         require_figures([*names, *installed(OWN_FIGURES)])
 
 
-def _evaluated(data: Experiment | Measurements, options: ModelOptions) -> bool:
-    """Evaluate and print a model without sampled parameters; return False for any other model."""
-    from softness_bayes.data import Measurements
-    from softness_bayes.model.build import ExperimentModel, build_skin
+def _compiled(data: Experiment | Measurements, options: ModelOptions) -> ExperimentModel | SkinModel:
+    with telling("compiling the model"):
+        from softness_bayes.model.build import model_of
+
+        return model_of(data, options)
+
+
+def _evaluate(model: ExperimentModel | SkinModel) -> None:
+    """Evaluate and print a model without sampled parameters."""
+    from softness_bayes.model.build import ExperimentModel
     from softness_bayes.runs.evaluation import evaluate
 
-    lines = [f"note: {note}" for note in data.notes]
-    if isinstance(data, Measurements):
-        skin = build_skin(data, options).posterior
-        if skin.space.sampled:
-            return False
-        lines += evaluate(skin).sentences()
-    else:
-        model = ExperimentModel(data, options)
-        if model.space(options.direction).sampled or not model.moduli.known:
-            return False
+    lines, error = [f"note: {note}" for note in model.data.notes], 0.0
+    if isinstance(model, ExperimentModel):
         assert model.resolution is not None, "the command line sets an accuracy"
-        lines += [_about_direction(model)]
-        lines += evaluate(model.posterior, float(model.resolution.errors.peak)).sentences()
+        lines, error = [*lines, _about_direction(model)], float(model.resolution.errors.peak)
+    lines += evaluate(model.posterior, error).sentences()
     lines.append("nothing is written; 'softness-bayes predict' shows contact, stress and firing at these values")
     click.echo("\n".join(lines))
-    return True
 
 
 def _about_direction(model: ExperimentModel) -> str:
@@ -208,13 +204,13 @@ def _about_direction(model: ExperimentModel) -> str:
 def _run(
     checkpoint: Checkpoint,
     files: DataFiles,
-    data: Experiment | Measurements,
-    request: Request,
+    model: ExperimentModel | SkinModel,
+    run: RunOptions,
     own_figures: Sequence[str] | None,
     verbose: bool,
     moved: Sequence[str] = (),
 ) -> None:
-    """Build the model, sample it from the start or from the checkpoint, and write and print the results.
+    """Sample a model from the start or from the checkpoint, and write and print the results.
 
     Custom figures are drawn in addition to the standard ones; None draws no figures at all. `moved` holds the options
     with new paths of tables, which the advice on how to continue repeats.
@@ -226,13 +222,11 @@ def _run(
     """
     from softness_bayes.checking.provenance import versions
     from softness_bayes.cli.running import print_result
-    from softness_bayes.runs.run import model_of, sample_kept
+    from softness_bayes.runs.run import sample_kept
 
     out = checkpoint.directory
     again = f"'{' '.join(['softness-bayes resume', str(out), *map(shlex.quote, moved)])}' continues"
-    with telling("compiling the model"):
-        model = model_of(data, request.model)
-    for line in _about(model, data):
+    for line in _about(model):
         click.echo(line, err=True)
     bar = Bar()
 
@@ -249,13 +243,13 @@ def _run(
     with keeping(kept), checkpoint, bar:
         checkpoint.request = {
             "files": files.record_in(out),
-            "options": request._replace(model=model.options).record(),
+            "options": Request(model.options, run).record(),
             "figures": own_figures is not None,
             "own_figures": list(own_figures or ()),
             "versions": versions(),
         }
         bar.begin(0.0 if checkpoint.status is None else checkpoint.status.seconds)
-        result = sample_kept(checkpoint, model, request.run, own_figures, bar.show)
+        result = sample_kept(checkpoint, model, run, own_figures, bar.show)
     print_result(result, out, bar.times(), verbose)
     ending = result.provenance.ending
     if not ending.converged and not ending.quick:
@@ -265,11 +259,12 @@ def _run(
         )
 
 
-def _about(model: ExperimentModel | SkinModel, data: Experiment | Measurements) -> Iterator[str]:
+def _about(model: ExperimentModel | SkinModel) -> Iterator[str]:
     """Yield notes and warnings on the data and on how the model reads them."""
     from softness_bayes.model.build import ExperimentModel, people_notes, sharing_note
     from softness_bayes.model.reach import reach_of
 
+    data = model.data
     yield from (f"note: {note}" for note in data.notes)
     if data.afferents is not None and (isinstance(model, ExperimentModel) or data.compression is not None):
         yield f"note: {sharing_note(data.afferents, model.options.shared)}"

@@ -497,35 +497,31 @@ def people_notes(experiment: Experiment, options: ModelOptions) -> list[str]:
     experiment, options
         The tables and the requested options.
     """
-    ratings = experiment.ratings
+    ratings, batch = experiment.ratings, experiment.fabrics.batch
     raters = len(ratings.participants) if ratings.cells is None else ratings.cells.raters
-    notes = [few_raters_sentence(raters), _batch_note(experiment.fabrics.batch, options)]
-    if experiment.compression is not None:
-        notes.append(_forces_note(experiment, options))
-    return [note for note in notes if note]
-
-
-def _batch_note(batch: tuple[str, ...], options: ModelOptions) -> str:
-    if not any(batch):
-        return ""
+    notes = [few_raters_sentence(raters)]
     scales = scales_of(batch)
-    if not options.shared_modulus_cv and not {*scales.values()} & options.priors.keys():
-        return "the column batch of the fabrics is not used without --shared-modulus-cv, the error that a batch shares"
-    told = [f"{name} of {quoted(of)} ({counted(batch.count(of), 'fabric')})" for of, name in scales.items()]
-    return f"moduli of a batch share a factor: {', '.join(told)}"
-
-
-def _forces_note(experiment: Experiment, options: ModelOptions) -> str:
-    assert experiment.compression is not None
-    pressed = set(experiment.compression.participants)
-    both = [name for name in experiment.ratings.participants if name in pressed]
-    if not both:
-        return "no rater has the name of a pressed finger: they are treated as different people"
-    whose = f"{listing(both)}: rated and pressed ({len(both)} of {len(experiment.ratings.participants)} raters)"
-    own = [name for name in SKIN if name in options.individual]
-    if not own:
-        return (
-            f"{whose}; without --individual b all raters have the typical finger, so the forces inform the "
-            "typical finger and not those of single raters"
+    if any(batch) and (options.shared_modulus_cv or {*scales.values()} & options.priors.keys()):
+        told = [f"{name} of {quoted(of)} ({counted(batch.count(of), 'fabric')})" for of, name in scales.items()]
+        notes.append(f"moduli of a batch share a factor: {', '.join(told)}")
+    elif any(batch):
+        notes.append(
+            "the column batch of the fabrics is not used without --shared-modulus-cv, the error that a batch shares"
         )
-    return f"{whose}; each is one person, whose {' and '.join(own)} is inferred from forces and ratings together"
+    if experiment.compression is not None:
+        pressed = experiment.compression.participants
+        both = [name for name in ratings.participants if name in pressed]
+        whose = (
+            f"{listing(both)}: rated and pressed ({len(both)} of {len(ratings.participants)} raters)" if both else ""
+        )
+        if not both:
+            notes.append("no rater has the name of a pressed finger: they are treated as different people")
+        elif own := [name for name in SKIN if name in options.individual]:
+            known = f"each is one person, whose {' and '.join(own)} is inferred from forces and ratings together"
+            notes.append(f"{whose}; {known}")
+        else:
+            notes.append(
+                f"{whose}; without --individual b all raters have the typical finger, so the forces inform the "
+                "typical finger and not those of single raters"
+            )
+    return [note for note in notes if note]

@@ -84,7 +84,13 @@ def test_the_space_has_the_joint_law(rng):
 
 
 @pytest.mark.parametrize(
-    "given", [{"fix": {"b": 8.0}}, {"priors": {"sigma_0": "lognormal(9,1)"}}, {"priors": {"c_Na": "lognormal(1,0.03,0.1)"}}, {"absent": ["alpha"]}]
+    "given",
+    [
+        {"fix": {"b": 8.0}},
+        {"priors": {"sigma_0": "lognormal(9,1)"}},
+        {"priors": {"c_Na": "lognormal(1,0.03,0.1)"}},
+        {"absent": ["alpha"]},
+    ],
 )
 def test_single_parameters_of_the_law_cannot_be_changed(given):
     with pytest.raises(InputError, match="prior set 'recorded'"):
