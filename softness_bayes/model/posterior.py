@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from softness_bayes.base.errors import InputError, NumericalError
 from softness_bayes.likelihood.contract import RATINGS, Parameters, RatingsLikelihood, Term
-from softness_bayes.likelihood.plate import FORCES, CompressionForces
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch.finger_grid import SPREAD_OF, FingerSpreads
@@ -114,7 +113,7 @@ class Density:
         """Return the log density of the data, which may not be finite."""
         rate = self.response(theta)
         every = (term.log_likelihood(rate, self.parameters_of(term, theta)) for term in self.terms)
-        return _of_shape(sum(every, np.zeros(())), theta.shape[:-1])
+        return np.broadcast_to(sum(every, np.zeros(())), theta.shape[:-1])
 
     def failing_stage(self, z: FloatArray) -> str:
         """Name of the first stage that is not finite at one point ``z``, shape (dimension,)."""
@@ -150,11 +149,6 @@ class Density:
         """Prior draws, in sampler coordinates."""
         return self.space.coordinates(self.space.draw_prior(rng, size))
 
-    @property
-    def compression(self) -> CompressionForces | None:
-        """The likelihood of plate forces; None if there are none."""
-        return cast("CompressionForces | None", self.term(FORCES))
-
 
 @dataclass(frozen=True)
 class Posterior(Density):
@@ -187,7 +181,7 @@ class Posterior(Density):
         """Mean rate N/N_ref [Hz] of the pad at theta, shape (..., conditions), then those at additional loads."""
         # if all parameters of the forward model are fixed, all points share one response
         rate = self.mean_rate_of(self.space.touch(theta), self.space.modulus(theta))
-        return _of_shape(rate, (*theta.shape[:-1], rate.shape[-1]))
+        return np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1]))
 
     def response(self, theta: FloatArray, modulus: FloatArray | None = None) -> FloatArray:
         """Mean rates of the typical finger (`mean_rate`), followed by those of each of `fingers` in every condition.
@@ -211,7 +205,7 @@ class Posterior(Density):
             skins = None if pressed is None else pressed.skins(names, self.rating_parameters(theta))
             own = self.fingers.total_rate(touch, FingerSpreads(**spreads), known, skins) / self.scene.n_receptors
             rates.append(own.reshape(*own.shape[:-2], -1))
-        rates = [_of_shape(rate, (*theta.shape[:-1], rate.shape[-1])) for rate in rates]
+        rates = [np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1])) for rate in rates]
         return rates[0] if len(rates) == 1 else np.concatenate(rates, axis=-1)
 
     def mean_rate_of(self, touch: TouchParameters, modulus: FloatArray | None) -> FloatArray:
@@ -281,11 +275,6 @@ class Posterior(Density):
         wider = np.where([name == "gamma" for name in self.space.names], 1.0, width)
         theta = self.space.natural(centre + wider * (z - centre))
         return theta[(self.space.log_prior(theta) > NEGLIGIBLE).all(axis=-1)]
-
-
-def _of_shape(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """Broadcast values to a shape, which most have already."""
-    return values if values.shape == shape else np.broadcast_to(values, shape)
 
 
 def _finite(value: FloatArray) -> FloatArray:

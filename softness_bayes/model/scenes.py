@@ -17,7 +17,7 @@ from softness_bayes.data.ratings import load_column
 from softness_bayes.likelihood.design import LoadErrors
 from softness_bayes.model.fingers import box_of_values
 from softness_bayes.parameters import declared
-from softness_bayes.parameters.choice import parameter_space
+from softness_bayes.parameters.choice import parameter_space, require_values
 from softness_bayes.parameters.joint import JOINT_LAWS
 from softness_bayes.parameters.space import FabricModuli, ParameterSpace
 from softness_bayes.touch.accuracy import DRAWS, Draws
@@ -91,10 +91,8 @@ def usual_values(
     require_readings(prior_set, readings)
     many = {name: np.asarray(value, float) for name, value in (given or {}).items() if isinstance(value, Sized)}
     # the ends of an array stand for all of it
-    ends = [{name: float(pick(values)) for name, values in many.items()} for pick in (np.max, np.min) if many]
-    for end in ends[:1]:
-        usual_values(readings, prior_set, {**(given or {}), **end}, n_fingers)
-    fixed: Any = {**(given or {}), **(ends[1] if many else {})}
+    require_values({name: float(values.min()) for name, values in many.items()})
+    fixed: Any = {**(given or {}), **{name: float(values.max()) for name, values in many.items()}}
     space = parameter_space(
         fix=fixed,
         prior_set=prior_set,

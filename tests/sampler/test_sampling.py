@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from softness_bayes.base.errors import InputError, NumericalError, SoftnessError
-from softness_bayes.sampler import sampling, schedule
+from softness_bayes.sampler import sampling
 from softness_bayes.sampler.adaptation import TriangularMap
 from softness_bayes.sampler.chains import Chains, EnsembleState
 from softness_bayes.sampler.diagnostics import Goal
@@ -121,8 +121,8 @@ def test_limits_end_a_run_that_has_not_converged():
 def test_runs_of_many_walkers_and_parameters_are_stored_more_coarsely_too(numbers, least, monkeypatch):
     settings = {**vars(SHORT), "max_steps": 500, "goal": Goal(lengths=1e9), "relearning": 0}
     by_steps = sample_until(Target(normal), Settings(**{**settings, "stored": 100}), 1).chains
-    monkeypatch.setattr(schedule, "NUMBERS", numbers)
-    monkeypatch.setattr(schedule, "LEAST_STORED", least)
+    monkeypatch.setattr(sampling, "NUMBERS", numbers)
+    monkeypatch.setattr(sampling, "LEAST_STORED", least)
     by_numbers = sample_until(Target(normal), Settings(**settings), 1).chains
     assert by_numbers.stride == by_steps.stride > 1
     np.testing.assert_array_equal(by_numbers.coordinates, by_steps.coordinates)
