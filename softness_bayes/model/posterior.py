@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.base.errors import InputError, NumericalError
 from softness_bayes.likelihood.contract import RATINGS, Parameters, RatingsLikelihood, Term
+from softness_bayes.likelihood.plate import FORCES, CompressionForces
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch.finger_grid import SPREAD_OF, FingerSpreads
@@ -148,6 +149,11 @@ class Density:
     def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
         """Prior draws, in sampler coordinates."""
         return self.space.coordinates(self.space.draw_prior(rng, size))
+
+    @property
+    def compression(self) -> CompressionForces | None:
+        """The likelihood of plate forces; None if there are none."""
+        return cast("CompressionForces | None", self.term(FORCES))
 
 
 @dataclass(frozen=True)
