@@ -29,13 +29,8 @@ FORMAT = 1
 """Version of its layout, the only one that is read."""
 
 
-class Entry(NamedTuple):
-    """A file that was written."""
-
-    by: str
-    """Command that wrote it."""
-    digests: tuple[str, ...]
-    """SHA-256 of its content; while it is being replaced, of the old content too."""
+Entry = tuple[str, tuple[str, ...]]
+"""Command that wrote a file, and SHA-256 of its content; while it is being replaced, of the old content too."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +65,7 @@ class Listing:
             if values["format"] != FORMAT:
                 raise ValueError(f"format {values['format']}, expected {FORMAT}")
             files = {
-                str(name): Entry(str(entry["by"]), tuple(map(str, entry["sha256"])))
+                str(name): (str(entry["by"]), tuple(map(str, entry["sha256"])))
                 for name, entry in values["files"].items()
             }
             return cls(files, bool(values["made"]))
@@ -84,32 +79,9 @@ class Listing:
 
     def write(self, directory: Path) -> None:
         """Write the list to its directory, whole or not at all."""
-        files = {name: {"by": entry.by, "sha256": entry.digests} for name, entry in sorted(self.files.items())}
+        files = {name: {"by": by, "sha256": digests} for name, (by, digests) in sorted(self.files.items())}
         values = {"format": FORMAT, "made": self.made, "files": files}
         write_whole(directory / LISTING, (json.dumps(values, indent=1) + "\n").encode())
-
-    def objection(self, path: Path, by: Collection[str]) -> str | None:
-        """Return why a path may not be replaced or removed; None for an unchanged file of the commands `by`.
-
-        Parameters
-        ----------
-        path
-            A path in the directory.
-        by
-            Commands whose files may be replaced.
-        """
-        if path.is_symlink():
-            return "is a symbolic link"
-        if not path.is_file():
-            return "is a directory" if path.is_dir() else "is not an ordinary file"
-        entry = self.files.get(path.name)
-        if entry is None or entry.by not in by:
-            return "was not written by this command"
-        with open(path, "rb") as file:
-            same = hashlib.file_digest(file, "sha256").hexdigest() in entry.digests
-        if not same:
-            return "was changed since it was written"
-        return None
 
 
 def require_outputs(
@@ -186,15 +158,12 @@ def write_outputs(directory: Path, contents: Mapping[str, bytes | str], by: str)
 
 def _write(directory: Path, data: Mapping[Path, bytes], listing: Listing, by: str) -> None:
     parts: dict[Path, Path] = {}
-    new = {path.name: Entry(by, (hashlib.sha256(content).hexdigest(),)) for path, content in data.items()}
+    new = {path.name: (by, (hashlib.sha256(content).hexdigest(),)) for path, content in data.items()}
     try:
         for path, content in data.items():
             parts[path] = staged(path, content)
         # from here on the list contains old and new digests, so that files are known even after an interruption
-        either = {
-            name: Entry(by, (*listing.files[name].digests, *entry.digests)) if name in listing.files else entry
-            for name, entry in new.items()
-        }
+        either = {name: (by, listing.files.get(name, (by, ()))[1] + digests) for name, (by, digests) in new.items()}
         replace(listing, files={**listing.files, **either}).write(directory)
     except BaseException:
         discard(parts.values())
@@ -299,15 +268,24 @@ def _refuse(directory: Path, objections: Mapping[Path, str]) -> None:
 def _objections(
     directory: Path, present: Iterable[Path], by: Collection[str], inputs: Iterable[Path]
 ) -> dict[Path, str]:
-    listing, read = Listing.read(directory), [path for path in inputs if path.exists()]
+    """Return the paths that may not be replaced or removed, with the reasons; not unchanged files of the commands."""
+    files, read = Listing.read(directory).files, [path for path in inputs if path.exists()]
     found = {}
     for path in present:
         if path.name == LISTING:
             found[path] = "is the list of what was written there"
         elif path.exists() and any(os.path.samefile(path, other) for other in read):
             found[path] = "is an input of this command"
-        elif (why := listing.objection(path, by)) is not None:
-            found[path] = why
+        elif path.is_symlink():
+            found[path] = "is a symbolic link"
+        elif not path.is_file():
+            found[path] = "is a directory" if path.is_dir() else "is not an ordinary file"
+        elif path.name not in files or files[path.name][0] not in by:
+            found[path] = "was not written by this command"
+        else:
+            with open(path, "rb") as file:
+                if hashlib.file_digest(file, "sha256").hexdigest() not in files[path.name][1]:
+                    found[path] = "was changed since it was written"
     return found
 
 
