@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,77 +24,8 @@ SAME_RATES = "the same noise-averaged firing rates"
 """Names of the reference rates; the second is for averages over noise, whose own error is reported separately."""
 
 
-@dataclass(frozen=True)
 class Exactness:
-    """Exact minus fast log-likelihood at posterior draws, and the effect of the resulting importance weights.
-
-    Parameters
-    ----------
-    difference
-        At each draw, shape (draws,).
-    log_weight
-        Pareto-smoothed log weights, summing to 1 as weights, shape (draws,).
-    pareto_k
-        Shape of the weights' tail.
-    shift
-        Change of each parameter's mean due to the weights, in its posterior standard deviations, shape (parameters,).
-    names
-        The parameters.
-    rates
-        The reference for the fast firing rates, in words.
-    """
-
-    difference: Array
-    log_weight: Array
-    pareto_k: float
-    shift: Array
-    names: tuple[str, ...]
-    rates: str = EXACT_RATES
-
-    @property
-    def sd(self) -> float:
-        """Standard deviation of the differences; a common offset is irrelevant."""
-        return float(self.difference.std())
-
-    @property
-    def certain(self) -> bool:
-        """True if more draws would almost certainly not change the conclusion that the approximation is exact enough.
-
-        The standard deviation of the differences plus five of its standard errors (jackknife) must be negligible, and
-        so must the largest deviation.
-        """
-        return self.sd + _CERTAIN * self.sd_error <= HARMLESS and self.largest <= HARMLESS
-
-    @property
-    def sd_error(self) -> float:
-        """Standard error of the standard deviation of the differences, by the jackknife."""
-        n, apart = self.difference.size, (self.difference - self.difference.mean()) ** 2
-        if n < 3:
-            return np.inf
-        without = np.sqrt(np.maximum((apart.sum() - apart * n / (n - 1)) / (n - 1), 0.0))
-        return float(np.sqrt((n - 1) / n * ((without - without.mean()) ** 2).sum()))
-
-    @property
-    def largest(self) -> float:
-        """Largest deviation of a difference from their mean."""
-        return float(np.abs(self.difference - self.difference.mean()).max())
-
-    @property
-    def efficiency(self) -> float:
-        """Effective sample size of the weighted draws divided by their number."""
-        weight = np.exp(self.log_weight)
-        return float(weight.sum() ** 2 / (weight**2).sum() / weight.size)
-
-    @property
-    def exact_enough(self) -> bool:
-        """True if the error of the approximation is known to be negligible."""
-        return self.sd <= HARMLESS or (self.pareto_k <= LARGEST_K and float(np.abs(self.shift).max(initial=0.0)) <= 0.1)
-
-
-def compare_likelihoods(
-    names: tuple[str, ...], theta: Array, fast: Array, exact: Array, rates: str = EXACT_RATES
-) -> Exactness:
-    """Compare two log-likelihoods at draws of the posterior under the fast one.
+    """Exact minus fast log-likelihood at draws of the posterior under the fast one, and what importance weights change.
 
     Parameters
     ----------
@@ -105,17 +34,48 @@ def compare_likelihoods(
     theta
         Draws, shape (draws, parameters).
     fast, exact
-        Log-likelihoods, shape (draws,), possibly empty.
+        Log-likelihoods, shape (draws,).
     rates
-        Description of the firing rates in the exact log-likelihood.
+        The reference for the fast firing rates, in words.
+
+    Attributes
+    ----------
+    difference
+        Exact minus fast, shape (draws,).
+    sd, sd_error
+        Standard deviation of the differences (a common offset is irrelevant), and its standard error by the jackknife.
+    largest
+        Largest deviation of a difference from their mean.
+    log_weight, pareto_k
+        Pareto-smoothed log weights, summing to 1 as weights, shape (draws,), and the shape of their tail.
+    efficiency
+        Effective sample size of the weighted draws divided by their number.
+    shift
+        Change of each parameter's mean due to the weights, in its posterior standard deviations, shape (parameters,).
+    exact_enough
+        True if the error of the approximation is known to be negligible.
+    certain
+        True if more draws would almost certainly not change this: the standard deviation of the differences plus five
+        of its standard errors is negligible, and so is the largest deviation.
     """
-    difference = exact - fast
-    (log_weight,), (k,) = arviz_bridge.psis(difference[None])
-    weight = np.exp(log_weight)[:, None]
-    spread = theta.std(axis=0)
-    moved = (weight * theta).sum(axis=0) / weight.sum() - theta.mean(axis=0)
-    shift = np.divide(moved, spread, out=np.zeros_like(moved), where=spread > 0)
-    return Exactness(difference, log_weight, float(k), shift, names, rates)
+
+    def __init__(
+        self, names: tuple[str, ...], theta: Array, fast: Array, exact: Array, rates: str = EXACT_RATES
+    ) -> None:
+        self.names, self.rates, self.difference = names, rates, exact - fast
+        (self.log_weight,), (k,) = arviz_bridge.psis(self.difference[None])
+        self.pareto_k, weight, spread = float(k), np.exp(self.log_weight), theta.std(axis=0)
+        self.efficiency = float(weight.sum() ** 2 / (weight**2).sum() / weight.size)
+        moved = weight @ theta / weight.sum() - theta.mean(axis=0)
+        self.shift: Array = np.divide(moved, spread, out=np.zeros_like(moved), where=spread > 0)
+        apart, n = self.difference - self.difference.mean(), self.difference.size
+        self.sd, self.largest, self.sd_error = float(apart.std()), float(np.abs(apart).max()), np.inf
+        if n > 2:
+            without = np.sqrt(np.maximum(((apart**2).sum() - apart**2 * n / (n - 1)) / (n - 1), 0.0))
+            self.sd_error = float(np.sqrt((n - 1) / n * ((without - without.mean()) ** 2).sum()))
+        moves = float(np.abs(self.shift).max(initial=0.0))
+        self.exact_enough = self.sd <= HARMLESS or (self.pareto_k <= LARGEST_K and moves <= 0.1)
+        self.certain = self.sd + _CERTAIN * self.sd_error <= HARMLESS and self.largest <= HARMLESS
 
 
 def largest_pareto_k(draws: int) -> float:

@@ -14,7 +14,7 @@ from softness_bayes.base.files.run_files import MODULUS_ERRORS, RULER
 from softness_bayes.base.readable import number, sentence, with_error
 from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.checks import ALONG, LEVEL
-from softness_bayes.checking.exactness import Exactness, compare_likelihoods
+from softness_bayes.checking.exactness import Exactness
 from softness_bayes.checking.identifiability import INFORMED
 from softness_bayes.checking.modulus_errors import MovedMost, moved_most
 from softness_bayes.checking.provenance import NumericalErrors, PlateData
@@ -256,4 +256,4 @@ def exactness_of(result: Result) -> Exactness | None:
     sampled = result.group("log_prior").items()
     names = tuple(str(name) for name, density in sampled if density.dims == SAMPLE_DIMS)
     theta = np.stack([draws[name].values[compared] for name in names], axis=-1)
-    return compare_likelihoods(names, theta, np.zeros(int(compared.sum())), difference[compared])
+    return Exactness(names, theta, np.zeros(int(compared.sum())), difference[compared])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
@@ -149,9 +148,8 @@ def _rated(
     means = workers.later(_means_of_people, experiment.ratings, options) if options.scale.model is None else None
     scale = Provenance(first.attributes).rating_model.rating_scale
     comparison = compare_exactly(posterior, theta, workers, reweight) if exact else None
-    draws = RatedDraws.of(experiment, posterior, scale, kept, theta, rng, workers, share)
-    if reweight and comparison is not None:
-        draws = replace(draws, log_weight=comparison().log_weight)
+    weights = comparison().log_weight if reweight and comparison is not None else None
+    draws = RatedDraws(experiment, posterior, scale, kept, theta, rng, workers, share, weights)
     few, curves = draws.subset(draws.replicates), draws.subset(draws.curves)
     noise = rng.spawn(1)[0]
     Stage.REPLICATES.log()

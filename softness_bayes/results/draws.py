@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -26,7 +25,6 @@ from softness_bayes.parameters.declared import FABRIC_MODULUS
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.sampler.chains import Chains
 from softness_bayes.sampler.workers import Workers
-from softness_bayes.touch.contact import Load
 from softness_bayes.touch.load_groups import LoadGroups, groups_of
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
@@ -79,9 +77,8 @@ class Subset(NamedTuple):
     effects: Effects
 
 
-@dataclass(frozen=True)
 class RatedDraws:
-    """The draws of one run on ratings, shared by all groups of its result.
+    """The draws of one run on ratings, shared by all groups of its result, with effects given each draw.
 
     Parameters
     ----------
@@ -93,32 +90,33 @@ class RatedDraws:
         The chains without their burn-in, thinned.
     theta
         Their points, shape (chains, draws, dimension).
-    mean_rate
-        N/N_ref [Hz] there, shape (chains, draws, conditions).
-    effects
-        Effects drawn given each point, as the rating model draws them.
-    prior
-        Draws of the prior, shape (`PRIOR_DRAWS`, dimension).
+    rng
+        Random generator of the effects and of draws of the prior, in this order.
+    workers
+        Processes with the posterior, which draw the effects: these may need an integral for each draw.
     share
         Share of the usual numbers of replicates and curves.
     log_weight
         Log weights of `REWEIGHT_DRAWS` evenly spaced draws, if the result is that of weighted draws.
+
+    Attributes
+    ----------
+    mean_rate
+        N/N_ref [Hz] at the draws, shape (chains, draws, conditions).
+    prior
+        Draws of the prior, shape (`PRIOR_DRAWS`, dimension).
+    load_groups, load_axis, shown_loads
+        Groups of loads for checks and figures (with few loads, each load is a group), the name of the axis of variables
+        stored for each of them, and their representative loads.
+    replicates, curves
+        Numbers of draws with replicated ratings (as many as fit into `ROOM`), and with stored response curves.
+    rises
+        Posterior probability that ratings rise with firing, and its Monte-Carlo standard error from the ensembles; NaN
+        if only one direction was sampled.
     """
 
-    experiment: Experiment
-    posterior: Posterior
-    scale: Scale
-    kept: Chains
-    theta: Array
-    mean_rate: Array
-    effects: Effects
-    prior: Array
-    share: float = 1.0
-    log_weight: Array | None = None
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         experiment: Experiment,
         posterior: Posterior,
         scale: Scale,
@@ -127,70 +125,31 @@ class RatedDraws:
         rng: np.random.Generator,
         workers: Workers,
         share: float = 1.0,
-    ) -> RatedDraws:
-        """Return the draws of a run with effects given each draw and prior draws, both from `rng` in this order.
-
-        The workers draw the effects, which may need an integral for each draw.
-        """
+        log_weight: Array | None = None,
+    ) -> None:
+        self.experiment, self.posterior, self.scale, self.kept, self.theta = experiment, posterior, scale, kept, theta
+        self.share, self.log_weight = share, log_weight
+        self.scene: Scene = posterior.scene
+        self.ratings: RatingsLikelihood = posterior.observation
+        self.model: RatingsModel = self.ratings.model
+        self.mean_rate = posterior.mean_rate(theta)
         flat = theta.reshape(-1, theta.shape[-1])
         chunks = pieces(len(flat), 1, CHUNK)
         parts = workers.map(_effects, [(one, flat[k]) for one, k in zip(rng.spawn(len(chunks)), chunks, strict=True)])
-        effects = Effects.joined(parts).each(lambda each: each.reshape(*theta.shape[:-1], *each.shape[1:]))
-        prior = posterior.space.draw_prior(rng, int(share * PRIOR_DRAWS))
-        return cls(experiment, posterior, scale, kept, theta, posterior.mean_rate(theta), effects, prior, share)
-
-    @property
-    def scene(self) -> Scene:
-        """The posterior's compiled scene."""
-        return self.posterior.scene
-
-    @property
-    def ratings(self) -> RatingsLikelihood:
-        """The likelihood of the ratings."""
-        return self.posterior.observation
-
-    @property
-    def model(self) -> RatingsModel:
-        """The rating model."""
-        return self.ratings.model
-
-    @cached_property
-    def load_groups(self) -> LoadGroups:
-        """Groups of loads for checks and figures; with few loads, each load is a separate group."""
-        return groups_of(self.experiment.ratings.loads)
-
-    @property
-    def load_axis(self) -> str:
-        """Name of the axis of variables stored for each of these groups."""
-        return LOAD_GROUP if self.load_groups.merged else "load"
-
-    @property
-    def shown_loads(self) -> list[Load]:
-        """Representative load of each of these groups."""
-        return [self.scene.loads[k] for k in self.load_groups.at]
-
-    @property
-    def replicates(self) -> int:
-        """Number of draws with replicated ratings: `REPLICATES`, or as many as fit into `ROOM`."""
-        return min(int(self.share * REPLICATES), max(LEAST_REPLICATES, ROOM // self.ratings.design.n_rows))
-
-    @property
-    def curves(self) -> int:
-        """Number of draws with stored response curves."""
-        return int(self.share * CURVES)
-
-    @cached_property
-    def rises(self) -> tuple[float, float]:
-        """Posterior probability that ratings rise with firing, and its Monte-Carlo standard error from the ensembles.
-
-        NaN if only one direction was sampled, and the error also if there is one ensemble.
-        """
-        if self.model.direction != FREE:
-            return np.nan, np.nan
-        rises = (np.asarray(self.posterior.space.value("gamma", self.theta)) > 0).mean(axis=1)
-        shares = [rises[self.kept.ensemble == one].mean() for one in np.unique(self.kept.ensemble)]
-        error = float(np.std(shares, ddof=1) / np.sqrt(len(shares))) if len(shares) > 1 else np.nan
-        return float(rises.mean()), error
+        self.effects = Effects.joined(parts).each(lambda each: each.reshape(*theta.shape[:-1], *each.shape[1:]))
+        self.prior = posterior.space.draw_prior(rng, int(share * PRIOR_DRAWS))
+        self.load_groups: LoadGroups = groups_of(experiment.ratings.loads)
+        self.load_axis = LOAD_GROUP if self.load_groups.merged else "load"
+        self.shown_loads = [self.scene.loads[k] for k in self.load_groups.at]
+        self.replicates = min(int(share * REPLICATES), max(LEAST_REPLICATES, ROOM // self.ratings.design.n_rows))
+        self.curves = int(share * CURVES)
+        self.rises = np.nan, np.nan
+        if self.model.direction == FREE:
+            up = (np.asarray(posterior.space.value("gamma", theta)) > 0).mean(axis=1)
+            shares = [up[kept.ensemble == one].mean() for one in np.unique(kept.ensemble)]
+            error = float(np.std(shares, ddof=1) / np.sqrt(len(shares))) if len(shares) > 1 else np.nan
+            self.rises = float(up.mean()), error
+        self._subsets: dict[int, Subset] = {}  # responses of individual fingers take a second
 
     def picked(self, size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return chain and draw indices of evenly spaced draws, or of draws resampled by their exact weights."""
@@ -212,11 +171,6 @@ class RatedDraws:
                 self.effects.part(index),
             )
         return self._subsets[size]
-
-    @cached_property
-    def _subsets(self) -> dict[int, Subset]:
-        """Cache of subsets by size, because responses of individual fingers take a second."""
-        return {}
 
     def touch(self, theta: Array) -> TouchParameters:
         """Return the parameters of the forward model at theta, fixed ones broadcast to the shape of sampled ones."""

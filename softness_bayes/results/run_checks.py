@@ -117,7 +117,7 @@ def compare_exactly(
         for number in numbers:
             some = theta[evenly(theta.shape, number)]
             exact = np.concatenate([part() for part in (begun if number == numbers[0] else begin(some))])
-            found = exactness.compare_likelihoods(
+            found = exactness.Exactness(
                 posterior.names, some, posterior.for_sampling.log_likelihood(some), exact, rates
             )
             if found.certain:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softness_bayes.checking.exactness import HARMLESS, compare_likelihoods, resample
+from softness_bayes.checking.exactness import HARMLESS, Exactness, resample
 from softness_bayes.checking.sentences import exactness_sentence
 from softness_bayes.results.summary import reweighted, summarise
 from softness_bayes.touch.contact import Indentation
@@ -18,7 +18,7 @@ NAMES = ("x", "y")
 def test_weights_move_the_mean_to_that_of_the_exact_law() -> None:
     """Draws of N(0, 1), exact law N(0.3, 1): the ratio is known, and so is the shift."""
     x = np.random.default_rng(0).standard_normal((4000, 2))
-    found = compare_likelihoods(NAMES, x, -0.5 * x[:, 0] ** 2, -0.5 * (x[:, 0] - 0.3) ** 2)
+    found = Exactness(NAMES, x, -0.5 * x[:, 0] ** 2, -0.5 * (x[:, 0] - 0.3) ** 2)
     assert found.sd == pytest.approx(0.3, rel=0.05)
     assert found.shift[0] == pytest.approx(0.3, abs=0.05)
     assert abs(found.shift[1]) < 0.05
@@ -33,7 +33,7 @@ def test_tiny_differences_with_heavy_tails_are_harmless() -> None:
     rng = np.random.default_rng(1)
     x = rng.standard_normal((500, 2))
     difference = 1e-6 * rng.pareto(0.8, 500)
-    found = compare_likelihoods(NAMES, x, np.zeros(500), difference)
+    found = Exactness(NAMES, x, np.zeros(500), difference)
     assert found.pareto_k > 0.6 or found.sd < HARMLESS
     assert found.exact_enough
     assert found.efficiency == pytest.approx(1.0, abs=1e-4)
@@ -43,7 +43,7 @@ def test_tiny_differences_with_heavy_tails_are_harmless() -> None:
 def test_an_offset_and_equal_likelihoods_change_nothing() -> None:
     x = np.random.default_rng(2).standard_normal((300, 2))
     for offset in (0.0, 1e4):
-        found = compare_likelihoods(NAMES, x, np.zeros(300), np.full(300, offset))
+        found = Exactness(NAMES, x, np.zeros(300), np.full(300, offset))
         assert (found.sd, found.largest) == (0.0, 0.0)
         np.testing.assert_allclose(found.shift, 0.0, atol=1e-12)
         assert found.exact_enough

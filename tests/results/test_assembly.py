@@ -1,7 +1,5 @@
 """The groups of a result are functions of its draws: none depends on which was made before."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -23,8 +21,7 @@ from softness_bayes.sampler.workers import Workers
 from support.report_runs import OPTIONS, experiment, quickly
 
 
-@pytest.fixture(scope="module")
-def draws():
+def drawn(share=1.0):
     """Draws of the prior in the place of a walk: 2 ensembles of 3 walkers, 2 steps."""
     rng, data = np.random.default_rng(5), experiment()
     with quickly():
@@ -32,7 +29,12 @@ def draws():
     theta = posterior.space.draw_prior(rng, 12).reshape(6, 2, -1)
     kept = Chains(np.zeros((2, 2, 3, theta.shape[-1])), np.zeros((2, 2, 3)), np.full((2, 3), 0.3), 2, 1)
     with Workers(posterior, 1) as workers:
-        return RatedDraws.of(data, posterior, MAGNITUDE, kept, theta, rng, workers)
+        return RatedDraws(data, posterior, MAGNITUDE, kept, theta, rng, workers, share)
+
+
+@pytest.fixture(scope="module")
+def draws():
+    return drawn()
 
 
 def arrays(value):
@@ -60,7 +62,7 @@ def test_what_is_drawn_depends_on_the_seed_alone(draws):
 
 
 def test_a_first_look_stores_fewer_draws(draws):
-    first = dataclasses.replace(draws, share=FIRST_SHARE)
+    first = drawn(FIRST_SHARE)
     assert 4 * first.replicates > REPLICATES > 3 * first.replicates
     assert 4 * first.curves > draws.curves > 3 * first.curves
 
@@ -69,6 +71,6 @@ def test_of_large_tables_fewer_draws_have_replicated_ratings(draws, monkeypatch)
     """As many as fit into the room, between the usual and the least number."""
     assert draws.replicates == REPLICATES
     monkeypatch.setattr(draws_module, "ROOM", 200 * draws.posterior.observation.design.n_rows)
-    assert draws.replicates == 200
+    assert drawn().replicates == 200
     monkeypatch.setattr(draws_module, "ROOM", 1)
-    assert draws.replicates == LEAST_REPLICATES
+    assert drawn().replicates == LEAST_REPLICATES

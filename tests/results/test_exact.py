@@ -75,7 +75,7 @@ def test_weights_need_every_draw(compare, rng):
 def test_the_error_of_the_spread_is_that_of_repetitions(rng):
     spreads = []
     for _ in range(400):
-        found = exactness.compare_likelihoods(("x",), np.zeros((40, 1)), np.zeros(40), 1e-3 * rng.standard_normal(40))
+        found = exactness.Exactness(("x",), np.zeros((40, 1)), np.zeros(40), 1e-3 * rng.standard_normal(40))
         spreads.append((found.sd, found.sd_error))
     sd, error = np.array(spreads).T
     assert error.mean() == pytest.approx(sd.std(), rel=0.15)
