@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import count
 from typing import NamedTuple
@@ -81,7 +80,6 @@ class Judged(NamedTuple):
     """Root mean square of those scores over its expectation: above 1 the posterior is too narrow."""
 
 
-@dataclass(frozen=True)
 class Calibration:
     """Ranks of true values over many replicates.
 
@@ -96,33 +94,26 @@ class Calibration:
     exchangeable
         Number of replicates whose ranks detect little, because their draws are not independent; the power is that of
         the others.
+
+    Attributes
+    ----------
+    positions, points
+        (rank + 1) / (draws + 1), shape (replicates, quantities), and where its distribution function is evaluated.
+    threshold
+        P-value below which one of the tests raises the alarm: `FALSE_ALARM` divided among all.
     """
 
-    names: tuple[str, ...]
-    rank: IndexArray
-    draws: int = DRAWS
-    exchangeable: int = 0
+    def __init__(self, names: tuple[str, ...], rank: IndexArray, draws: int = DRAWS, exchangeable: int = 0) -> None:
+        self.names, self.rank, self.draws, self.exchangeable = names, rank, draws, exchangeable
+        self.points: FloatArray = np.arange(1, draws + 1) / (draws + 1)
+        self.positions: FloatArray = (rank + 1) / (draws + 1)
+        self.threshold = FALSE_ALARM / (2 * len(names))
 
     @classmethod
     def of(cls, replicates: Sequence[Replicate]) -> Calibration:
         """Collect the ranks of some replicates of one model."""
         exchangeable = sum(not one.converged for one in replicates)
         return cls(replicates[0].names, np.array([one.rank for one in replicates]), exchangeable=exchangeable)
-
-    @property
-    def points(self) -> FloatArray:
-        """Points at which the distribution function of (rank + 1) / (draws + 1) is evaluated."""
-        return np.arange(1, self.draws + 1) / (self.draws + 1)
-
-    @property
-    def positions(self) -> FloatArray:
-        """(rank + 1) / (draws + 1), shape (replicates, quantities)."""
-        return (self.rank + 1) / (self.draws + 1)
-
-    @property
-    def threshold(self) -> float:
-        """P-value below which one of the tests raises the alarm: `FALSE_ALARM` divided among all."""
-        return FALSE_ALARM / (2 * len(self.names))
 
     def judge(self) -> dict[str, Judged]:
         """Test every quantity."""

@@ -16,7 +16,6 @@ All that checks need of an observation model is called here.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -76,7 +75,6 @@ FEWEST = 3
 """Smallest number of ratings of a rater whose scatter is checked."""
 
 
-@dataclass(frozen=True)
 class Residuals:
     """Residuals of ratings at draws of the posterior.
 
@@ -88,22 +86,19 @@ class Residuals:
         N/N_ref [Hz], shape (draws, ...), as for `Likelihood.residual`.
     parameters, effects
         Draws of the rating model's parameters, shape (draws,), and of the effects given them.
+
+    Attributes
+    ----------
+    response
+        Predictor of the ratings in each condition, shape (draws, conditions).
+    sd
+        Standard deviation of single residuals, shape (draws,).
     """
 
-    observation: Likelihood
-    mean_rate: Array
-    parameters: Parameters
-    effects: Effects
-
-    @property
-    def response(self) -> Array:
-        """Predictor of the ratings in each condition, shape (draws, conditions)."""
-        return self.observation.predictor(self.mean_rate, self.parameters)
-
-    @property
-    def sd(self) -> Array:
-        """Standard deviation of single residuals, shape (draws,)."""
-        return np.broadcast_to(self.observation.model.error_sd(self.parameters), len(self.mean_rate))
+    def __init__(self, observation: Likelihood, mean_rate: Array, parameters: Parameters, effects: Effects) -> None:
+        self.observation, self.mean_rate, self.parameters, self.effects = observation, mean_rate, parameters, effects
+        self.response: Array = observation.predictor(mean_rate, parameters)
+        self.sd: Array = np.broadcast_to(observation.model.error_sd(parameters), len(mean_rate))
 
     def sums(
         self, group: IndexArray, size: int, regressor: Array | None = None, power: int = 1, weight: Array | None = None
@@ -156,7 +151,6 @@ class Residuals:
         return Projection(along, np.broadcast_to(weight, along.shape), self.sd)
 
 
-@dataclass(frozen=True)
 class Projection:
     """Projections of residuals on a regressor within groups.
 
@@ -166,28 +160,25 @@ class Projection:
         Sums of x r and of x² over each group, shape (draws, groups); the weight of a group without a slope is 0.
     sd
         Standard deviation of single residuals, shape (draws,).
+
+    Attributes
+    ----------
+    squares, freedom
+        The discrepancy T, and the number of groups with a slope, shape (draws,).
+    p_value
+        Probability that replicated ratings deviate at least as much; NaN if no group has a slope in any draw.
+    deviation
+        Standard deviation of the groups' coefficients of x, estimated from the excess of T over noise.
     """
 
-    along: Array
-    weight: Array
-    sd: Array
-
-    @property
-    def squares(self) -> Array:
-        """The discrepancy T, shape (draws,)."""
-        squares = np.zeros_like(self.along)
-        np.divide(self.along**2, self.weight, out=squares, where=self.weight > 0)
-        return np.asarray(squares.sum(axis=1))
-
-    @property
-    def freedom(self) -> Array:
-        """Number of groups with a slope, shape (draws,)."""
-        return (self.weight > 0).sum(axis=1).astype(float)
-
-    @property
-    def p_value(self) -> float:
-        """Probability that replicated ratings deviate at least as much; NaN if no group has a slope in any draw."""
-        return _p_value(self.squares, self.freedom, self.sd)
+    def __init__(self, along: Array, weight: Array, sd: Array) -> None:
+        self.along, self.weight, self.sd = along, weight, sd
+        self._scores = np.divide(along**2, weight, out=np.zeros_like(along), where=weight > 0)
+        self.squares, self.freedom = self._scores.sum(axis=1), (weight > 0).sum(axis=1).astype(float)
+        self.p_value, self.deviation, judged = _p_value(self.squares, self.freedom, sd), 0.0, self.freedom > 0
+        if judged.any():
+            excess = (self.squares - self.freedom * sd**2)[judged] / weight.sum(axis=1)[judged]
+            self.deviation = float(np.sqrt(max(np.median(excess), 0.0)))
 
     @property
     def gain(self) -> float:
@@ -199,18 +190,9 @@ class Projection:
         if not (self.freedom > 0).any():
             return np.nan
         scale = self.sd[:, None] ** 2
-        score = np.divide(self.along**2, self.weight, out=np.zeros_like(self.along), where=self.weight > 0) / scale
+        score = self._scores / scale
         ratio = np.geomspace(0.01, 1e4, 40)[:, None, None] * self.weight / self.weight.max() / scale * scale.mean()
         return float((0.5 * (score * ratio / (1.0 + ratio) - np.log1p(ratio))).sum(axis=-1).mean(axis=-1).max())
-
-    @property
-    def deviation(self) -> float:
-        """Standard deviation of the groups' coefficients of x, estimated from the excess of T over noise."""
-        judged = self.freedom > 0
-        if not judged.any():
-            return 0.0
-        excess = (self.squares - self.freedom * self.sd**2)[judged] / self.weight.sum(axis=1)[judged]
-        return float(np.sqrt(max(np.median(excess), 0.0)))
 
 
 def _p_value(squares: Array, freedom: Array, sd: Array) -> float:

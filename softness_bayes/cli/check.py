@@ -61,7 +61,7 @@ def check(
     from softness_bayes.experiments.understanding import SCHEMA, foreseen, understood, warnings
     from softness_bayes.model.build import ExperimentModel, recorded_terms
     from softness_bayes.model.reach import reach_of
-    from softness_bayes.people.free_means import free_means
+    from softness_bayes.people.free_means import FreeMeans
 
     if cost and json_:
         raise InputError("check: --cost is printed as text: omit --json")
@@ -81,7 +81,7 @@ def check(
     made = ExperimentModel(experiment, model)
     reached = reach_of(made)
     notes = [*experiment.notes, *warnings(made)]
-    people = None if model.scale.model is not None else free_means(experiment.ratings, model, made.interpretation)
+    people = None if model.scale.model is not None else FreeMeans(experiment.ratings, model, made.interpretation)
     known = understood(made, [*([reached] if reached else []), *notes])
     known["design"] = foreseen(experiment, model) if design else None
     known |= text.understood_measurements(experiment)
@@ -117,7 +117,7 @@ def _echo(said: dict[str, Any] | list[str]) -> None:
 def _read_or_answered(files: DataFiles, model: ModelOptions) -> Experiment | Measurements | None:
     """Return the data of an experiment; of ratings whose fabrics nobody measured, show people's answer instead."""
     from softness_bayes.cli.check_text import people_lines
-    from softness_bayes.people.free_means import free_means
+    from softness_bayes.people.free_means import FreeMeans
     from softness_bayes.people.sentences import needed_sentences
 
     try:
@@ -132,7 +132,7 @@ def _read_or_answered(files: DataFiles, model: ModelOptions) -> Experiment | Mea
     for note in ratings.notes:
         click.echo(f"note: {note}", err=True)
     needed = needed_sentences(ratings.fabrics, bool(ratings.loads))
-    _echo([*people_lines(free_means(ratings, model)), "", *needed])
+    _echo([*people_lines(FreeMeans(ratings, model)), "", *needed])
     return None
 
 

@@ -185,13 +185,13 @@ def _compiled(data: Experiment | Measurements, options: ModelOptions) -> Experim
 def _evaluate(model: ExperimentModel | SkinModel) -> None:
     """Evaluate and print a model without sampled parameters."""
     from softness_bayes.model.build import ExperimentModel
-    from softness_bayes.runs.evaluation import evaluate
+    from softness_bayes.runs.evaluation import Evaluation
 
     lines, error = [f"note: {note}" for note in model.data.notes], 0.0
     if isinstance(model, ExperimentModel):
         assert model.resolution is not None, "the command line sets an accuracy"
         lines, error = [*lines, _about_direction(model)], float(model.resolution.errors.peak)
-    lines += evaluate(model.posterior, error).sentences()
+    lines += Evaluation(model.posterior, error).sentences()
     lines.append("nothing is written; 'softness-bayes predict' shows contact, stress and firing at these values")
     click.echo("\n".join(lines))
 

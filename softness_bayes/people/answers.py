@@ -1,7 +1,7 @@
 """Answers as functions of free means: single ratings, pairs, and orders of lists.
 
 An answer depends on a vector of effects: the mean of each condition (additive scale of the ratings), then the scale of
-each rater. `free_means` needs the log probability of all answers with its derivatives in the effects, and that of each
+each rater. `FreeMeans` needs the log probability of all answers with its derivatives in the effects, and that of each
 answer given the others, at many points at once: effects (points, effects) with parameters of shape (points,).
 """
 

@@ -10,7 +10,6 @@ Nothing here knows a modulus or a load: loads are only names.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -45,11 +44,19 @@ STEP, SMALLEST, MOST_STEPS = 0.1, 3e-3, 50
 whose error falls as the square of the last one."""
 
 
-@dataclass(frozen=True)
 class FreeMeans:
-    """People's own means.
+    """People's own means of a table of ratings.
 
     Parameters
+    ----------
+    ratings
+        The table; its loads are used as names only.
+    options
+        Scale, error law, resolution, and priors and fixed values of spreads.
+    meaning
+        Interpretation of the numbers, if it is known already.
+
+    Attributes
     ----------
     fabrics, loads
         Names of all fabrics, and of the groups of loads.
@@ -73,21 +80,30 @@ class FreeMeans:
         False if the table does not show how uncertain the means are: then there are no limits and no probabilities.
     word
         What the highest rating means: softest, hardest, or highest rated if the table does not say.
+
+    Raises
+    ------
+    InputError
+        If the ratings do not suit the scale, or it is a custom one, whose means only its own model knows.
     """
 
-    fabrics: tuple[str, ...]
-    loads: tuple[str, ...]
-    fabric: IntArray
-    load: IntArray
-    scale: Scale
-    means: Array
-    rating: Array
-    log_density: Array
-    log_density_alike: Array
-    cluster: IntArray
-    ratings_at: IntArray
-    noise_known: bool
-    word: str
+    def __init__(
+        self, ratings: Ratings, options: ModelOptions = ModelOptions(), meaning: Interpretation | None = None
+    ) -> None:
+        if options.scale.model is not None:
+            raise InputError(f"ratings: people's own means are not known for the custom scale {options.scale.name}")
+        meaning = meaning or interpret(ratings, options)
+        names, load = groups_of_loads(ratings)
+        pairs, condition = np.unique(ratings.fabric * len(names) + load, return_inverse=True)
+        alike = np.unique(load, return_inverse=True)[1]
+        free, same = (answers_of(ratings, meaning, options, index) for index in (condition, alike))
+        self.fabrics, self.loads, self.scale = ratings.fabrics, tuple(names), options.scale
+        self.fabric, self.load = np.divmod(pairs, len(names))
+        self.means, self.log_density, given = _fit(free, options)
+        self.rating, self.log_density_alike = free.natural(self.means, given), _fit(same, options)[1]
+        self.cluster, self.ratings_at = _clusters(ratings, options.scale), np.bincount(condition)
+        self.noise_known = ratings.cells is None or ratings.cells.geometric_sd is not None
+        self.word = word_of(ratings.rating_column, options.scale)
 
     def under(self, load: int) -> IntArray:
         """Return the conditions of one group of loads, from the highest mean down."""
@@ -139,51 +155,6 @@ class FreeMeans:
         if not self.noise_known:
             found[["people_low", "people_high", "p_highest", "p_higher_than_next"]] = np.nan
         return found
-
-
-def free_means(
-    ratings: Ratings, options: ModelOptions = ModelOptions(), meaning: Interpretation | None = None
-) -> FreeMeans:
-    """Return people's own means of a table of ratings.
-
-    Parameters
-    ----------
-    ratings
-        The table; its loads are used as names only.
-    options
-        Scale, error law, resolution, and priors and fixed values of spreads.
-    meaning
-        Interpretation of the numbers, if it is known already.
-
-    Raises
-    ------
-    InputError
-        If the ratings do not suit the scale, or it is a custom one, whose means only its own model knows.
-    """
-    if options.scale.model is not None:
-        raise InputError(f"ratings: people's own means are not known for the custom scale {options.scale.name}")
-    meaning = meaning or interpret(ratings, options)
-    names, load = groups_of_loads(ratings)
-    pairs, condition = np.unique(ratings.fabric * len(names) + load, return_inverse=True)
-    fabric_of, load_of = np.divmod(pairs, len(names))
-    alike = np.unique(load, return_inverse=True)[1]
-    free, same = (answers_of(ratings, meaning, options, index) for index in (condition, alike))
-    means, density, given = _fit(free, options)
-    return FreeMeans(
-        ratings.fabrics,
-        tuple(names),
-        fabric_of,
-        load_of,
-        options.scale,
-        means,
-        free.natural(means, given),
-        density,
-        _fit(same, options)[1],
-        _clusters(ratings, options.scale),
-        np.bincount(condition),
-        ratings.cells is None or ratings.cells.geometric_sd is not None,
-        word_of(ratings.rating_column, options.scale),
-    )
 
 
 def _chance(count: IntArray, total: int) -> Array:

@@ -26,7 +26,7 @@ from softness_bayes.likelihood.scales import PAIRS
 from softness_bayes.model.build import ExperimentModel, SkinModel
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
-from softness_bayes.people.free_means import FreeMeans, free_means
+from softness_bayes.people.free_means import FreeMeans
 from softness_bayes.people.psychometric import threshold_table
 from softness_bayes.people.ruler import ruler_of_run
 from softness_bayes.results import draws as of_run
@@ -217,7 +217,7 @@ def _by_ensemble(kept: Chains, values: Array) -> Array:
 
 
 def _means_of_people(_: Any, ratings: Ratings, options: ModelOptions) -> FreeMeans:
-    return free_means(ratings, options)
+    return FreeMeans(ratings, options)
 
 
 def _sources(data: Experiment | Measurements) -> str:

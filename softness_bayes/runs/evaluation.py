@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import NamedTuple
-
 import numpy as np
 
 from softness_bayes.checking.inflection import CURVE_POINTS, CurveShape, Inflection, turning_points
@@ -14,17 +11,44 @@ from softness_bayes.touch.load_groups import LoadGroup, groups_of
 from softness_bayes.touch.scene import Scene
 
 
-class Evaluation(NamedTuple):
-    """The model at the values of its fixed parameters."""
+class Evaluation:
+    """A model at the values of its fixed parameters.
 
-    values: Mapping[str, float]
-    """Every parameter in natural units."""
-    log_likelihood: float
-    """Log density of the data."""
-    loads: tuple[Load | LoadGroup, ...]
-    """The loads, or groups of many, each evaluated at its middle load."""
-    inflection: Inflection | None
-    """Turning points of the response, with fields of shape (1, loads); None without ratings."""
+    Parameters
+    ----------
+    density
+        A model without a sampled parameter.
+    error
+        Numerical error of the response relative to its peak.
+
+    Attributes
+    ----------
+    values
+        Every parameter in natural units.
+    log_likelihood
+        Log density of the data.
+    loads
+        The loads, or groups of many, each evaluated at its middle load.
+    inflection
+        Turning points of the response, with fields of shape (1, loads); None without ratings.
+
+    Raises
+    ------
+    NumericalError
+        If the log-likelihood is not a number there.
+    """
+
+    def __init__(self, density: Density, error: float = 0.0) -> None:
+        space, theta = density.space, np.empty((1, 0))
+        self.values = {name: float(value) for name, value in space.held.items()}
+        self.log_likelihood = float(density.log_likelihood(theta)[0])
+        self.loads: tuple[Load | LoadGroup, ...] = ()
+        self.inflection: Inflection | None = None
+        if isinstance(density, Posterior) and isinstance(scene := density.scene, Scene):
+            groups = groups_of(scene.loads)
+            touch, loads = space.touch(theta).broadcast(1), [scene.loads[k] for k in groups.at]
+            self.loads = groups.called
+            self.inflection = turning_points(scene, touch, error, CURVE_POINTS, loads)
 
     def sentences(self) -> tuple[str, ...]:
         """Return the evaluation as lines of text."""
@@ -46,29 +70,3 @@ class Evaluation(NamedTuple):
         return (
             f"the response turns over at E_fab {found.modulus[0, k] / 1e3:.4g} kPa, {where} the fabrics that were rated"
         )
-
-
-def evaluate(density: Density, error: float = 0.0) -> Evaluation:
-    """Evaluate a model at the values of its fixed parameters.
-
-    Parameters
-    ----------
-    density
-        A model without a sampled parameter.
-    error
-        Numerical error of the response relative to its peak.
-
-    Raises
-    ------
-    NumericalError
-        If the log-likelihood is not a number there.
-    """
-    space, theta = density.space, np.empty((1, 0))
-    values = {name: float(value) for name, value in space.held.items()}
-    log_likelihood = float(density.log_likelihood(theta)[0])
-    if not (isinstance(density, Posterior) and isinstance(density.scene, Scene)):
-        return Evaluation(values, log_likelihood, (), None)
-    scene, groups = density.scene, groups_of(density.scene.loads)
-    touch, loads = space.touch(theta).broadcast(1), [scene.loads[k] for k in groups.at]
-    turn = turning_points(scene, touch, error, CURVE_POINTS, loads)
-    return Evaluation(values, log_likelihood, groups.called, turn)

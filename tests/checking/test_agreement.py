@@ -13,7 +13,7 @@ from softness_bayes.checking.check_table import check_table
 from softness_bayes.cli.running import print_result
 from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.likelihood.scales import FALLS, RISES
-from softness_bayes.people.free_means import free_means
+from softness_bayes.people.free_means import FreeMeans
 from softness_bayes.report import page
 from softness_bayes.report.cards import Standing, cards
 from softness_bayes.results.data_groups import experiment_of
@@ -107,7 +107,7 @@ def test_the_table_agrees_with_the_ratings_and_with_the_checks(result):
         assert np.log(row["predicted"]) == pytest.approx(checks.loc[(load, fabric), "replicated"])
         assert row["predicted_low"] < row["predicted"] < row["predicted_high"]
     again = result.tables["fabric_ratings"]
-    people = free_means(experiment_of(result).ratings, options_of(result)).table().set_index(["load", "fabric"])
+    people = FreeMeans(experiment_of(result).ratings, options_of(result)).table().set_index(["load", "fabric"])
     own = ["people", "people_low", "people_high", "p_highest"]
     assert list(again) == [*table, *own]
     assert_allclose(again[[*table]], table)

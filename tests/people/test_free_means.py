@@ -19,7 +19,7 @@ from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.scales import AGGREGATED, CATEGORIES, MAGNITUDE, PAIRS, RANKS
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.people.answers import WIDE, told_pairs
-from softness_bayes.people.free_means import free_means
+from softness_bayes.people.free_means import FreeMeans
 from support.laboratories import FABRICS, KINDS, LOADS, RATERS, laboratory, pairs_of
 
 EXACT = ModelOptions(errors=NORMAL, resolution=0.0)
@@ -37,7 +37,7 @@ def test_means_of_exact_numbers_are_those_of_a_mixed_model(rng):
     rest = filed - filed.mean(axis=0) - filed.mean(axis=1, keepdims=True) + filed.mean()
     freedom = (filed.shape[0] - 1) * (filed.shape[1] - 1)
     error = np.sqrt((rest**2).sum() / freedom / len(RATERS))
-    found = free_means(ratings, EXACT)
+    found = FreeMeans(ratings, EXACT)
     assert found.means.mean(axis=0) == pytest.approx(filed.mean(axis=0), abs=0.05 * error)
     assert found.means.std(axis=0) == pytest.approx(np.full(filed.shape[1], error), rel=0.08)
     apart = np.subtract(*filed.mean(axis=0)[:2]) / error / np.sqrt(2.0)
@@ -51,7 +51,7 @@ def test_means_of_an_incomplete_design_are_those_of_statsmodels(rng):
     y = 3.0 + 0.2 * fabric + 0.5 * rng.standard_normal(14)[who] + 0.3 * rng.standard_normal(who.size)
     people, cloth = (tuple(f"{word} {k}" for k in range(n)) for word, n in (("rater", 14), ("cloth", 8)))
     ratings = Ratings(people, cloth, LOADS[:1], who, fabric, 0 * who, np.exp(y), np.arange(who.size) + 2)
-    found = free_means(ratings, EXACT)
+    found = FreeMeans(ratings, EXACT)
     fit = models.MixedLM(y, np.eye(8)[fabric], groups=who).fit(reml=True)
     centred = np.eye(8) - 0.125
     covariance = np.asarray(fit.cov_params())[:8, :8]
@@ -68,14 +68,14 @@ def test_means_do_not_depend_on_the_process(kind, rng):
     """A run computes them in another process, to which the table and the options are sent."""
     ratings, options, _ = laboratory(kind, rng)
     sent = pickle.loads(pickle.dumps((ratings, options)))
-    np.testing.assert_array_equal(free_means(*sent).means, free_means(ratings, options).means)
+    np.testing.assert_array_equal(FreeMeans(*sent).means, FreeMeans(ratings, options).means)
 
 
 def test_density_of_a_left_out_answer_is_that_of_the_other_answers(rng):
     """By brute force: the normal law of all ratings, from its covariance, without the one and with it."""
     made = laboratory("normal", rng).ratings
     ratings = Ratings.crossed(RATERS[:4], FABRICS[:3], LOADS[:1], made.rating.reshape(12, 5, 2)[:4, :3, :1])
-    found = free_means(ratings, ModelOptions(errors=NORMAL, resolution=0.0, fix={"tau": 0.5, "varsigma": 0.3}))
+    found = FreeMeans(ratings, ModelOptions(errors=NORMAL, resolution=0.0, fix={"tau": 0.5, "varsigma": 0.3}))
     y = np.log(ratings.rating)
     wide = WIDE * max(y.std(), 0.2)
     for index, density in ((ratings.fabric, found.log_density), (0 * ratings.fabric, found.log_density_alike)):
@@ -110,7 +110,7 @@ def test_means_of_whole_numbers_agree_with_a_sampler(rng):
     sampler.run_mcmc(start, 2000)
     drawn = sampler.get_chain(discard=500, thin=10, flat=True)
     drawn = drawn[:, :3] + np.exp(drawn[:, [9]]) * drawn[:, 3:9].mean(axis=1, keepdims=True)
-    found = free_means(ratings, ModelOptions(errors=NORMAL, resolution=1.0)).means
+    found = FreeMeans(ratings, ModelOptions(errors=NORMAL, resolution=1.0)).means
     assert found.mean(axis=0) == pytest.approx(drawn.mean(axis=0), abs=0.12 * drawn.std(axis=0).min())
     assert found.std(axis=0) == pytest.approx(drawn.std(axis=0), rel=0.12)
 
@@ -138,7 +138,7 @@ def test_worths_of_orders_are_those_of_a_plackett_luce_fit(rng):
             total += np.logaddexp.reduce([order(worth, np.array(head + list(p))) for p in permutations(tied)])
         return total
 
-    found, expected = free_means(ratings, ModelOptions(scale=RANKS)), most_probable(log_likelihood, 5)
+    found, expected = FreeMeans(ratings, ModelOptions(scale=RANKS)), most_probable(log_likelihood, 5)
     apart = found.means - found.means.mean(axis=1, keepdims=True)
     assert apart.mean(axis=0) == pytest.approx(expected - expected.mean(), abs=0.06)
 
@@ -147,7 +147,7 @@ def test_worths_of_pairs_are_those_of_a_probit_fit(rng):
     ratings = laboratory("pairs", rng).ratings
     winner, loser = (ratings.fabric * 2 + ratings.load)[told_pairs(ratings)].T
     expected = most_probable(lambda w: log_ndtr(w[winner] - w[loser]).sum(), 10)
-    found = free_means(ratings, ModelOptions(scale=PAIRS))
+    found = FreeMeans(ratings, ModelOptions(scale=PAIRS))
     for load in (0, 1):
         ours, theirs = found.means[:, load::2], expected[load::2]
         assert (ours.mean(axis=0) - ours.mean()) == pytest.approx(theirs - theirs.mean(), abs=0.06)
@@ -168,7 +168,7 @@ def test_means_of_cells_without_spread_have_no_interval(rng):
     for sd, known in ((None, False), (np.full(5, 1.5), True)):
         cells = Ratings.crossed(("panel",), FABRICS, LOADS[:1], mean)
         object.__setattr__(cells, "cells", AggregatedCells(9, sd))
-        table = free_means(cells, ModelOptions(scale=AGGREGATED)).table()
+        table = FreeMeans(cells, ModelOptions(scale=AGGREGATED)).table()
         assert table["people"].to_numpy() == pytest.approx(np.sort(mean.ravel())[::-1], rel=0.1)
         assert table[["people_low", "people_high", "p_highest"]].notna().to_numpy().all() == known
 
@@ -178,7 +178,7 @@ def covered(kind, number, seed=0):
     shares = []
     for k in range(number):
         made = laboratory(kind, np.random.default_rng([seed, k]))
-        found = free_means(made.ratings, made.options)
+        found = FreeMeans(made.ratings, made.options)
         low, high = np.quantile(found.rating, (0.05, 0.95), axis=0)
         truth = made.truth[found.fabric, found.load]
         shares.append(((low <= truth) & (truth <= high)).mean())
@@ -203,7 +203,7 @@ def test_a_fabric_that_all_put_into_the_highest_category_is_known_to_be_there(rn
     made = laboratory("categories", rng, np.array([[-0.8, -0.5], [-0.3, 0.0], [0.2, 0.4], [0.5, 0.7], [3.5, 4.0]]))
     rated = made.ratings.rating[made.ratings.fabric == 4]
     assert (rated == 6.0).all()
-    found = free_means(made.ratings, made.options)
+    found = FreeMeans(made.ratings, made.options)
     low, high = np.quantile(found.rating[:, found.fabric == 4], (0.05, 0.95), axis=0)
     assert (low > 5.5).all()
     assert (high > 5.97).all()
@@ -215,7 +215,7 @@ def test_a_fabric_that_all_put_into_one_category_of_others_is_known_to_be_there(
     """Between two thresholds all means are as probable, so that a normal law about the mode has no width of its own."""
     filed = np.array([[3, 3, 4, 5, 4], [4, 3, 4, 5, 3], [3, 3, 4, 5, 3], [3, 2, 4, 5, 3]], float)[..., None]
     ratings = Ratings.crossed(RATERS[:4], FABRICS, LOADS[:1], filed)
-    found = free_means(ratings, ModelOptions(scale=CATEGORIES, n_categories=7, errors=NORMAL))
+    found = FreeMeans(ratings, ModelOptions(scale=CATEGORIES, n_categories=7, errors=NORMAL))
     low, high = np.quantile(found.rating[:, 2:4], (0.05, 0.95), axis=0)
     assert (low > np.array([3.4, 4.4])).all()
     assert (high < np.array([4.6, 5.6])).all()
@@ -224,4 +224,4 @@ def test_a_fabric_that_all_put_into_one_category_of_others_is_known_to_be_there(
 
 def test_a_custom_scale_is_refused(rng):
     with pytest.raises(InputError, match="custom scale"):
-        free_means(laboratory("normal", rng).ratings, ModelOptions(scale=replace(MAGNITUDE, model=RatingModel)))
+        FreeMeans(laboratory("normal", rng).ratings, ModelOptions(scale=replace(MAGNITUDE, model=RatingModel)))

@@ -12,7 +12,7 @@ from softness_bayes.data import Ratings
 from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.scales import PAIRS
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.people.free_means import free_means
+from softness_bayes.people.free_means import FreeMeans
 from softness_bayes.people.psychometric import comparison_cautions, psychometric_table, threshold_sentences
 from softness_bayes.touch.contact import Force
 
@@ -41,7 +41,7 @@ def constant_stimuli(rng, guess=0.03, lapse=0.05, reference=4, bias=0.1, width=0
 def test_free_means_of_pairs_know_the_guess_rate(rng, guess, holds):
     """Differences from the reference on the probit scale; guesses that prefer no side are biased."""
     ratings, x, _ = constant_stimuli(rng, guess=1.0 / 3.0, lapse=0.0, width=0.5)
-    found = free_means(ratings, ModelOptions(scale=PAIRS, errors=NORMAL, guess=guess))
+    found = FreeMeans(ratings, ModelOptions(scale=PAIRS, errors=NORMAL, guess=guess))
     apart = np.delete(found.means - found.means[:, [4]], 4, axis=1)
     truth = -(x.reshape(9, -1)[:, 0] - 0.1) / 0.5
     z = (apart.mean(axis=0) - truth) / apart.std(axis=0)
@@ -52,9 +52,9 @@ def test_a_guess_rate_needs_a_reference(rng):
     first, second = np.array([(a, b) for a in range(5) for b in range(a)]).T
     round_robin = table(first > second, first, second)
     with pytest.raises(InputError, match=r"--guess\) needs pairs of a comparison and a reference.* no references"):
-        free_means(round_robin, ModelOptions(scale=PAIRS, guess=0.5))
+        FreeMeans(round_robin, ModelOptions(scale=PAIRS, guess=0.5))
     with pytest.raises(InputError, match="a guess rate is one of pairs"):
-        free_means(replace(round_robin, lists=None), ModelOptions(guess=0.5))
+        FreeMeans(replace(round_robin, lists=None), ModelOptions(guess=0.5))
     with pytest.raises(InputError, match="guess"):
         ModelOptions(scale=PAIRS, guess=1.5)
 

@@ -11,7 +11,7 @@ from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.scales import MAGNITUDE, PAIRS, RISES
-from softness_bayes.people.free_means import free_means, word_of
+from softness_bayes.people.free_means import FreeMeans, word_of
 from softness_bayes.people.ruler import UNKNOWN, Fit, following, ruler
 from softness_bayes.people.sentences import (
     highest_sentences,
@@ -30,7 +30,7 @@ FALLING = np.log(np.outer(np.geomspace(8.0, 0.6, 5), (1.0, 1.3)))
 @pytest.fixture(scope="module")
 def falling():
     made = laboratory("normal", np.random.default_rng(4), FALLING)
-    return made, free_means(made.ratings, made.options)
+    return made, FreeMeans(made.ratings, made.options)
 
 
 def chain_density(ratings, means):
@@ -77,7 +77,7 @@ def test_a_reversed_chain_loses_more_than_all(falling):
 
 def test_without_differences_there_is_nothing_to_keep():
     made = laboratory("normal", np.random.default_rng(5), np.zeros((5, 2)))
-    found = free_means(made.ratings, made.options)
+    found = FreeMeans(made.ratings, made.options)
     one = ruler(found, np.zeros(made.ratings.rating.size), np.full(10, 20.0))
     assert np.isnan(one["value"]["share"])
     assert following(one) == UNKNOWN
@@ -105,7 +105,7 @@ def test_people_s_order_is_said_first_and_whole(falling):
 def test_a_chain_of_pairs_that_is_right_keeps_all():
     """Errors are clustered by the two fabrics, whichever of them won: by winner there would be none to keep."""
     made = laboratory("pairs", np.random.default_rng(8), FALLING)
-    found = free_means(made.ratings, made.options)
+    found = FreeMeans(made.ratings, made.options)
     assert np.unique(found.cluster).size == 10
     right = ruler(found, found.log_density, found.rating.mean(axis=0))
     assert right["value"]["share"] == pytest.approx(1.0)
@@ -116,7 +116,7 @@ def test_a_chain_of_pairs_that_is_right_keeps_all():
 
 def test_fabrics_that_people_do_not_tell_apart_are_not_ordered():
     made = laboratory("normal", np.random.default_rng(6), np.zeros((5, 2)))
-    found = free_means(made.ratings, made.options)
+    found = FreeMeans(made.ratings, made.options)
     (line, _) = highest_sentences(found.table(), found.word, found.scale)
     assert line.startswith("the highest rated at 1 mm is ")
     assert re.search(r" [A-E] \([0-9]+ %\) or [A-E] \([0-9]+ %\)", line)

@@ -7,7 +7,7 @@ from softness_bayes.base.errors import InputError
 from softness_bayes.data import Compression, read_experiment
 from softness_bayes.model.build import build, build_skin
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.runs.evaluation import evaluate
+from softness_bayes.runs.evaluation import Evaluation
 from softness_bayes.runs.run import sample
 from softness_bayes.touch.scene import Discretisation
 from support.command_line import HELD, call
@@ -27,7 +27,7 @@ def experiment():
 
 
 def evaluated(experiment, **changed):
-    return evaluate(build(experiment, ModelOptions(fix=EVERY | changed, discretisation=Discretisation())).posterior)
+    return Evaluation(build(experiment, ModelOptions(fix=EVERY | changed, discretisation=Discretisation())).posterior)
 
 
 def test_the_likelihood_is_that_of_a_model_with_one_free_parameter(experiment):
@@ -65,6 +65,6 @@ def test_forces_alone_are_evaluated_too(tmp_path):
     assert "log-likelihood of the data at this point: " in done.stdout
     assert "under" not in done.stdout
     forces = Compression.read(path)
-    assert evaluate(build_skin(forces, ModelOptions(fix=SKIN)).posterior).inflection is None
+    assert Evaluation(build_skin(forces, ModelOptions(fix=SKIN)).posterior).inflection is None
     with pytest.raises(InputError, match="nothing to sample"):
         sample(forces, fix=SKIN)
