@@ -10,7 +10,6 @@ rejected.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -111,35 +110,62 @@ class Shrunken(NamedTuple):
     """Share of the largest weight."""
 
 
-@dataclass(frozen=True)
 class Pooled:
     """A population on the unconstrained scale; ends and middles in the order of `LIMITS`.
 
     Parameters
     ----------
-    mean, spread
-        Low end, middle and high end.
-    new
-        The same of the parameter of a further table.
+    tables
+        Draws by name.
+    population
+        Its prior.
+
+    Attributes
+    ----------
+    mean, spread, new
+        Low end, middle and high end of the population's mean and spread, and of the parameter of a further table; NaN
+        if no mean and spread are compatible with all tables.
     mean_sd, spread_sd
         Posterior standard deviations.
     mean_mcse, spread_mcse
         Monte-Carlo errors of their posterior means.
     tables
-        By name.
+        Each table's parameter, separately and in the population, by name.
     largest_k
         Largest reliable Pareto k for the number of draws.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than `LEAST_TABLES`.
     """
 
-    mean: Array
-    spread: Array
-    new: Array
-    mean_sd: float
-    spread_sd: float
-    mean_mcse: float
-    spread_mcse: float
-    tables: Mapping[str, Shrunken]
-    largest_k: float
+    def __init__(self, tables: Mapping[str, Separate], population: PopulationPrior) -> None:
+        if len(tables) < LEAST_TABLES:
+            raise InputError(f"a population needs at least {LEAST_TABLES} fitted tables, got {len(tables)}")
+        every = list(tables.values())
+        grid = _focused(every, population)
+        sums = [_sums(one, grid) for one in every]  # of each table, shape (groups, cells)
+        likelihood = [_log(one.sum(axis=0)) for one in sums]
+        posterior = _normalised(grid.log_prior + np.sum(likelihood, axis=0))
+        self.mean = self.spread = self.new = none = np.full(len(LIMITS), np.nan)
+        self.mean_sd = self.spread_sd = self.mean_mcse = self.spread_mcse = np.nan
+        self.largest_k, alone = LARGEST_K, {name: _limits(one.value) for name, one in tables.items()}
+        self.tables = {name: Shrunken(limits, none, np.inf, 0.0, 1.0) for name, limits in alone.items()}
+        if not posterior.any():
+            return
+        unknowns = np.stack([grid.mean, grid.spread], axis=-1)
+        left_out = [_without(one, posterior) @ unknowns for one in sums]
+        mass = posterior.reshape(CELLS, CELLS)
+        self.mean = _between(grid.mean[::CELLS], mass.sum(axis=1))
+        self.spread = _between(grid.spread[:CELLS], mass.sum(axis=0))
+        self.new = _of_a_new_table(grid, posterior)
+        self.mean_sd, self.spread_sd = np.sqrt(posterior @ (unknowns - posterior @ unknowns) ** 2).tolist()
+        errors = np.sqrt(np.sum([(GROUPS - 1) * one.var(axis=0) for one in left_out], axis=0))
+        self.mean_mcse, self.spread_mcse = errors.tolist()
+        self.largest_k = min(largest_pareto_k(one.value.size) for one in every)
+        for (name, one), z in zip(tables.items(), likelihood, strict=True):
+            self.tables[name] = _shrunken(one, grid, posterior, z)
 
     @property
     def failing(self) -> list[str]:
@@ -171,60 +197,6 @@ class Pooled:
                     f"deviation, {sd:.2g}: more draws are needed"
                 )
         return ""
-
-
-def pool(tables: Mapping[str, Separate], population: PopulationPrior) -> Pooled:
-    """Return mean and spread of a population, and each table's parameter in it.
-
-    Parameters
-    ----------
-    tables
-        Draws by name.
-    population
-        Its prior.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than `LEAST_TABLES`.
-    """
-    if len(tables) < LEAST_TABLES:
-        raise InputError(f"a population needs at least {LEAST_TABLES} fitted tables, got {len(tables)}")
-    every = list(tables.values())
-    grid = _focused(every, population)
-    sums = [_sums(one, grid) for one in every]  # of each table, shape (groups, cells)
-    likelihood = [_log(one.sum(axis=0)) for one in sums]
-    posterior = _normalised(grid.log_prior + np.sum(likelihood, axis=0))
-    if not posterior.any():
-        return _unreached(tables)
-    unknowns = np.stack([grid.mean, grid.spread], axis=-1)
-    left_out = [_without(one, posterior) @ unknowns for one in sums]
-    errors = np.sqrt(sum((GROUPS - 1) * one.var(axis=0) for one in left_out))
-    mass = posterior.reshape(CELLS, CELLS)
-    sd = np.sqrt(posterior @ (unknowns - posterior @ unknowns) ** 2)
-    return Pooled(
-        mean=_between(grid.mean[::CELLS], mass.sum(axis=1)),
-        spread=_between(grid.spread[:CELLS], mass.sum(axis=0)),
-        new=_of_a_new_table(grid, posterior),
-        mean_sd=float(sd[0]),
-        spread_sd=float(sd[1]),
-        mean_mcse=float(errors[0]),
-        spread_mcse=float(errors[1]),
-        tables={
-            name: _shrunken(one, grid, posterior, z) for (name, one), z in zip(tables.items(), likelihood, strict=True)
-        },
-        largest_k=min(largest_pareto_k(one.value.size) for one in every),
-    )
-
-
-def _unreached(tables: Mapping[str, Separate]) -> Pooled:
-    """Return the result if no mean and spread are compatible with all tables."""
-    none = np.full(len(LIMITS), np.nan)
-    alone = {
-        name: Shrunken(_limits(one.value, np.full(one.value.size, 1.0 / one.value.size)), none, np.inf, 0.0, 1.0)
-        for name, one in tables.items()
-    }
-    return Pooled(none, none, none, np.nan, np.nan, np.nan, np.nan, alone, LARGEST_K)
 
 
 def _focused(tables: Sequence[Separate], population: PopulationPrior) -> PopulationGrid:
@@ -277,7 +249,6 @@ def _without(sums: Array, posterior: Array) -> Array:
 
 def _shrunken(table: Separate, grid: PopulationGrid, posterior: Array, log_likelihood: Array) -> Shrunken:
     """Return a table's parameter separately and in its population, cells weighted by the other tables."""
-    separate = _limits(table.value, np.full(table.value.size, 1.0 / table.value.size))
     held = (posterior > _LEAST_MASS * posterior.max()) & np.isfinite(log_likelihood)
     mean, width = grid.mean[held], grid.widths(table)[held]
     others = np.log(posterior[held]) - log_likelihood[held] - np.log(width)
@@ -289,7 +260,7 @@ def _shrunken(table: Separate, grid: PopulationGrid, posterior: Array, log_likel
     weight = np.exp(log_weight[0])
     effective = table.effective / weight.size / float((weight**2).sum())
     largest = float(np.exp(ratios.max() - logsumexp(ratios)))
-    return Shrunken(separate, _limits(table.value, weight), float(k[0]), effective, largest)
+    return Shrunken(_limits(table.value), _limits(table.value, weight), float(k[0]), effective, largest)
 
 
 def _of_a_new_table(grid: PopulationGrid, posterior: Array) -> Array:
@@ -300,8 +271,9 @@ def _of_a_new_table(grid: PopulationGrid, posterior: Array) -> Array:
     return np.interp(LIMITS, below, value)
 
 
-def _limits(values: Array, weight: Array) -> Array:
-    """Return weighted quantiles, the weight of each value spread evenly to either side of it."""
+def _limits(values: Array, weight: Array | None = None) -> Array:
+    """Return quantiles, weighted if weights are given, the weight of each value spread evenly to either side of it."""
+    weight = np.full(values.size, 1.0 / values.size) if weight is None else weight
     order = np.argsort(values, kind="stable")
     share = np.cumsum(weight[order]) - 0.5 * weight[order]
     return np.interp(LIMITS, share / weight.sum(), values[order])

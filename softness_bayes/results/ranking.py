@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +14,6 @@ from softness_bayes.base.ranges import RANKED
 from softness_bayes.base.readable import counted
 from softness_bayes.checking.agreement import agreement, pairs, places, ties
 from softness_bayes.data import Fabrics
-from softness_bayes.likelihood.scales import Scale
 from softness_bayes.people.free_means import word_of
 from softness_bayes.people.sentences import DECIDED
 from softness_bayes.plotting.style import USUAL, Style
@@ -49,38 +47,97 @@ WORDS = {"softest": ("softer", "stiffer"), "hardest": ("harder", "softer")}
 """Words for the first fabric of a pair, by what the highest rating means."""
 
 
-@dataclass(frozen=True)
 class Ranking:
-    """Fabrics ranked by predicted softness.
+    """Fabrics ranked by the predicted rating of the typical rater in a finished run; higher ratings are softer.
 
     Parameters
     ----------
-    fabrics
-        Their names.
-    scale
-        The scale of the ratings.
+    result
+        The run, on ratings.
+    fabrics, loads
+        Fabrics to rank, and the loads under which to rank them.
+    draws
+        Number of posterior draws for the probabilities.
+    seed
+        Seed of quantities drawn given the posterior draws.
+
+    Attributes
+    ----------
     table
         A row per load and fabric, the softest first (docs/files.md 11).
     place_table
         A row per load, fabric and possible place, with its probability.
     pair_table
         A row per load and pair of fabrics, the softer one of the order first, with the probability of its order.
+    fabrics, scale
+        Names of the fabrics, and the scale of the ratings.
     typical
         Draws of the typical rater's median rating under each load, shape (draws, fabrics).
     word
         What the highest rating means: softest, hardest, or highest rated.
     cautions
         Reasons for not carrying the predictions of the run to these fabrics.
+
+    Raises
+    ------
+    InputError
+        If there are too many fabrics, the run had no ratings, or the result is incomplete.
     """
 
-    fabrics: tuple[str, ...]
-    scale: Scale
-    table: pd.DataFrame
-    place_table: pd.DataFrame
-    pair_table: pd.DataFrame
-    typical: Mapping[Load, Array]
-    word: str = "highest rated"
-    cautions: tuple[str, ...] = ()
+    def __init__(
+        self, result: Stored, fabrics: Fabrics, loads: tuple[Load, ...], draws: int = ANSWER_DRAWS, seed: int = 0
+    ) -> None:
+        RANKED.require("rank: number of fabrics", len(fabrics))
+        fitted, rng = Fitted(result, draws), np.random.default_rng(seed)
+        scene, modulus = fitted.scene(fabrics, loads), fitted.modulus(rng, fabrics)
+        found = fitted.touches(fabrics, scene).ratings(rng, fitted.theta, 0, modulus)
+        why = rating_table.reasons(fitted, scene, found.rate, modulus)
+        unreached = [why[name].to_numpy() >= rating_table.NOTICED for name in ("p_silent", "p_beyond_radius")]
+        unreached += [why[name].to_numpy() != "" for name in ("beyond_moduli", "beyond_loads")]
+        against, title = rating_table.rejected(result), result.provenance.rating_data.rating_column
+        self.fabrics, self.scale, self.word = fabrics.names, result.scale, word_of(title, result.scale)
+        words = np.array(["cannot decide", *WORDS.get(self.word, ("rated higher", "rated lower"))], object)
+        middle = scene.fabric_modulus if modulus is None else np.median(modulus, axis=0)
+        names, parts, typical = np.array(fabrics.names, object), [], dict[Load, Array]()
+        above, below = np.triu_indices(len(fabrics), 1)
+        for k, load in enumerate(loads):
+            here, told = np.flatnonzero(scene.load == k), str(load)
+            ratings = typical[load] = found.typical[:, here]
+            (place, probability), (softer, tie) = places(ratings), pairs(ratings)
+            order = np.argsort(place.mean(axis=0), kind="stable")
+            tied, first, second = ties(tie, order), order[above], order[below]
+            barred = [one[here] for one in unreached]
+            higher, reason = verdicts(rating_table.people_orders(result, fabrics, load), softer, barred, against)
+            beside = {
+                **{f"typical_rating{end}": values for end, values in rating_table.limits(ratings).items()},
+                **{f"place{end}": values for end, values in rating_table.limits(place).items()},
+                "place": place.mean(axis=0),
+                **rating_table.beside(result, fabrics, load),
+                "p_softer_than_next": np.full(len(fabrics), np.nan),
+                "tie": np.where(tied > 0, tied.astype(str), ""),
+                **{name: why[name].to_numpy()[here] for name in ("p_silent", "remarks")},
+            }
+            beside["p_softer_than_next"][order[:-1]] = softer[order[:-1], order[1:]]
+            rows = pd.DataFrame({"load": told, "fabric": names, "e_fab_kpa": middle / 1e3, **beside}).iloc[order]
+            rows.insert(1, "order", np.arange(1, order.size + 1))
+            # sums of shares that should cancel leave rounding errors
+            row, at = np.nonzero(probability[order] > 1e-9)
+            held = {"fabric": names[order[row]], "place": at + 1, "probability": probability[order[row], at]}
+            both = {
+                "fabric": names[first],
+                "other": names[second],
+                "p_softer": softer[first, second],
+                "p_tie": tie[first, second],
+                "p_harder": softer[second, first],
+                "verdict": words[higher[first, second]],
+                "because": np.array(REASONS, object)[reason[first, second]],
+            }
+            parts.append((rows, pd.DataFrame({"load": told, **held}), pd.DataFrame({"load": told, **both})))
+        table, self.place_table, self.pair_table = (
+            pd.concat(each, ignore_index=True) for each in zip(*parts, strict=True)
+        )
+        self.table = table[[name for name in table if not name.endswith("_50")]]
+        self.typical, self.cautions = typical, tuple(rating_table.cautions(result, fabrics))
 
     @property
     def sentence(self) -> str:
@@ -118,79 +175,6 @@ class Ranking:
             for name, found in agreement(among, seen).items():
                 rows.append({"load": str(load), "measure": name, **found, "fabrics": len(here)})
         return pd.DataFrame(rows)
-
-
-def rank(
-    result: Stored, fabrics: Fabrics, loads: tuple[Load, ...], draws: int = ANSWER_DRAWS, seed: int = 0
-) -> Ranking:
-    """Rank fabrics by the predicted rating of the typical rater in a finished run; higher ratings are softer.
-
-    Parameters
-    ----------
-    result
-        The run, on ratings.
-    fabrics, loads
-        Fabrics to rank, and the loads under which to rank them.
-    draws
-        Number of posterior draws for the probabilities.
-    seed
-        Seed of quantities drawn given the posterior draws.
-
-    Raises
-    ------
-    InputError
-        If there are too many fabrics, the run had no ratings, or the result is incomplete.
-    """
-    RANKED.require("rank: number of fabrics", len(fabrics))
-    fitted, rng = Fitted(result, draws), np.random.default_rng(seed)
-    scene, modulus = fitted.scene(fabrics, loads), fitted.modulus(rng, fabrics)
-    found = fitted.touches(fabrics, scene).ratings(rng, fitted.theta, 0, modulus)
-    why = rating_table.reasons(fitted, scene, found.rate, modulus)
-    unreached = [why[name].to_numpy() >= rating_table.NOTICED for name in ("p_silent", "p_beyond_radius")]
-    unreached += [why[name].to_numpy() != "" for name in ("beyond_moduli", "beyond_loads")]
-    against, word = rating_table.rejected(result), word_of(result.provenance.rating_data.rating_column, result.scale)
-    middle = scene.fabric_modulus if modulus is None else np.median(modulus, axis=0)
-    names, parts, typical = np.array(fabrics.names, object), [], dict[Load, Array]()
-    above, below = np.triu_indices(len(fabrics), 1)
-    for k, load in enumerate(loads):
-        here, told = np.flatnonzero(scene.load == k), str(load)
-        ratings = typical[load] = found.typical[:, here]
-        (place, probability), (softer, tie) = places(ratings), pairs(ratings)
-        order = np.argsort(place.mean(axis=0), kind="stable")
-        tied, first, second = ties(tie, order), order[above], order[below]
-        barred = [one[here] for one in unreached]
-        higher, reason = verdicts(rating_table.people_orders(result, fabrics, load), softer, barred, against)
-        beside = {
-            **{f"typical_rating{end}": values for end, values in rating_table.limits(ratings).items()},
-            **{f"place{end}": values for end, values in rating_table.limits(place).items()},
-            "place": place.mean(axis=0),
-            **rating_table.beside(result, fabrics, load),
-            "p_softer_than_next": np.full(len(fabrics), np.nan),
-            "tie": np.where(tied > 0, tied.astype(str), ""),
-            **{name: why[name].to_numpy()[here] for name in ("p_silent", "remarks")},
-        }
-        beside["p_softer_than_next"][order[:-1]] = softer[order[:-1], order[1:]]
-        rows = pd.DataFrame({"load": told, "fabric": names, "e_fab_kpa": middle / 1e3, **beside}).iloc[order]
-        rows.insert(1, "order", np.arange(1, order.size + 1))
-        # sums of shares that should cancel leave rounding errors
-        row, at = np.nonzero(probability[order] > 1e-9)
-        held = {"fabric": names[order[row]], "place": at + 1, "probability": probability[order[row], at]}
-        both = {
-            "fabric": names[first],
-            "other": names[second],
-            "p_softer": softer[first, second],
-            "p_tie": tie[first, second],
-            "p_harder": softer[second, first],
-            "verdict": np.array(["cannot decide", *WORDS.get(word, ("rated higher", "rated lower"))], object)[
-                higher[first, second]
-            ],
-            "because": np.array(REASONS, object)[reason[first, second]],
-        }
-        parts.append((rows, pd.DataFrame({"load": told, **held}), pd.DataFrame({"load": told, **both})))
-    table, place_table, pair_table = (pd.concat(each, ignore_index=True) for each in zip(*parts, strict=True))
-    table = table[[name for name in table if not name.endswith("_50")]]
-    cautions = tuple(rating_table.cautions(result, fabrics))
-    return Ranking(fabrics.names, result.scale, table, place_table, pair_table, typical, word, cautions)
 
 
 def verdicts(

@@ -308,9 +308,9 @@ class Result(Stored):
         Ranking
             The order under each load: its `table`, the probabilities of all places and pairs, and a `figure`.
         """
-        from softness_bayes.results.ranking import rank
+        from softness_bayes.results.ranking import Ranking
 
-        return rank(self, *self._touched(fabrics, loads), draws, seed)
+        return Ranking(self, *self._touched(fabrics, loads), draws, seed)
 
     def target(
         self,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.laws import HalfNormal, Prior
-from softness_bayes.checking.pooling import Pooled, PopulationPrior, Separate, pool
+from softness_bayes.checking.pooling import Pooled, PopulationPrior, Separate
 from softness_bayes.parameters.coordinates import HalfLine, Interval, coordinate_for
 from softness_bayes.parameters.declared import EVERY_PARAMETER, Parameter
 from softness_bayes.results.result import Result
@@ -128,7 +128,7 @@ def pool_results(
                 )
         population = population_of(name, prior, (spreads or {}).get(name))
         tables = {table: of_table[name][1] for table, of_table in drawn.items()}
-        found[name] = PooledParameter(EVERY_PARAMETER[name], population, pool(tables, population))
+        found[name] = PooledParameter(EVERY_PARAMETER[name], population, Pooled(tables, population))
     return found
 
 

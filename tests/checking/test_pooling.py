@@ -8,7 +8,7 @@ from scipy.stats import norm
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.laws import HalfNormal, LogNormal, Normal
-from softness_bayes.checking.pooling import LIMITS, PopulationPrior, Separate, pool
+from softness_bayes.checking.pooling import LIMITS, Pooled, PopulationPrior, Separate
 from softness_bayes.parameters.coordinates import HalfLine, coordinate_for
 
 PRIOR = PopulationPrior(Normal(0.0, 2.0), HalfNormal(1.0), coordinate_for((-np.inf, np.inf)))
@@ -56,7 +56,7 @@ def quantiles(values, weight):
 
 def test_a_linear_gaussian_population(rng):
     """Within four of its own Monte-Carlo errors of the closed form, and these errors are small."""
-    found = pool(tables(rng), PRIOR)
+    found = Pooled(tables(rng), PRIOR)
     mean, of_mean, spread, of_spread, shrunken = closed_form(SEEN)
     assert found.fault == ""
     assert found.mean_mcse < 0.1 * found.mean_sd
@@ -71,7 +71,7 @@ def test_a_linear_gaussian_population(rng):
 def test_stated_errors_are_those_of_repetitions():
     """The mean over new draws of the same posteriors scatters as the Monte-Carlo error says."""
     few = dict([*SEEN.items()][:3])
-    found = [pool(tables(np.random.default_rng(k), few, draws=300), PRIOR) for k in range(12)]
+    found = [Pooled(tables(np.random.default_rng(k), few, draws=300), PRIOR) for k in range(12)]
     scatter = np.std([one.mean[1] for one in found], ddof=1)
     assert 0.5 < scatter / np.mean([one.mean_mcse for one in found]) < 2.0
 
@@ -92,7 +92,7 @@ def test_a_joint_grid_of_two_tables(rng):
         cdf = np.cumsum(density) / density.sum()
         x = np.interp(rng.random(DRAWS), cdf, fine)
         drawn[name] = Separate(x, mean.log_density(np.exp(x)) + x, float(DRAWS))
-    found = pool(drawn, PopulationPrior(mean, spread, scale))
+    found = Pooled(drawn, PopulationPrior(mean, spread, scale))
     assert found.fault == ""
 
     tau = (np.arange(60) + 0.5) / 60 * 2.0
@@ -115,14 +115,14 @@ def test_precise_tables_are_not_lost_between_cells(rng):
     """Of a wide prior, in which a coarse cell is many times as wide as what the tables say."""
     prior = PopulationPrior(Normal(0.0, 50.0), HalfNormal(20.0), coordinate_for((-np.inf, np.inf)))
     seen = {f"P{k}": (3.7 + 0.01 * np.cos(k), 0.01) for k in range(12)}
-    found = pool(tables(rng, seen, prior=prior.mean, draws=400), prior)
+    found = Pooled(tables(rng, seen, prior=prior.mean, draws=400), prior)
     assert found.fault == ""
     assert found.mean[1] == pytest.approx(3.7, abs=0.01)
     assert found.spread[2] < 0.02
 
 
 def test_a_further_table_varies_more_than_the_mean(rng):
-    found = pool(tables(rng, draws=400), PRIOR)
+    found = Pooled(tables(rng, draws=400), PRIOR)
     assert np.ptp(found.new) > 1.5 * np.ptp(found.mean)
     assert found.new[1] == pytest.approx(found.mean[1], abs=0.1)
 
@@ -135,11 +135,11 @@ def test_a_prior_that_hides_the_population_is_refused(rng):
     narrow = Normal(0.0, 0.5)
     weak = {f"P{k}": (4.0, 0.8) for k in range(12)}
     drawn = tables(rng, weak, prior=narrow, draws=1000)
-    found = pool(drawn, PopulationPrior(Normal(0.0, 5.0), HalfNormal(1.0), coordinate_for((-np.inf, np.inf))))
+    found = Pooled(drawn, PopulationPrior(Normal(0.0, 5.0), HalfNormal(1.0), coordinate_for((-np.inf, np.inf))))
     assert found.failing
     assert "fail" in found.fault
     assert "wider prior" in found.fault
-    wide = pool(
+    wide = Pooled(
         tables(rng, weak, prior=Normal(0.0, 5.0), draws=1000),
         PopulationPrior(Normal(0.0, 5.0), HalfNormal(1.0), coordinate_for((-np.inf, np.inf))),
     )
@@ -150,7 +150,7 @@ def test_draws_far_apart_are_refused(rng):
     """No spread that the prior allows reaches from one to the other."""
     far = {"A": (0.0, 1e-3), "B": (1e3, 1e-3)}
     wide = Normal(0.0, 1e4)
-    found = pool(
+    found = Pooled(
         tables(rng, far, prior=wide), PopulationPrior(wide, HalfNormal(0.1), coordinate_for((-np.inf, np.inf)))
     )
     assert found.fault
@@ -159,9 +159,9 @@ def test_draws_far_apart_are_refused(rng):
 def test_few_effective_draws_are_refused(rng):
     """Of chains that hardly moved, however many draws they have."""
     drawn = {name: one._replace(effective=20.0) for name, one in tables(rng, draws=400).items()}
-    assert pool(drawn, PRIOR).failing == [*SEEN]
+    assert Pooled(drawn, PRIOR).failing == [*SEEN]
 
 
 def test_one_table_is_no_population(rng):
     with pytest.raises(InputError, match="at least 2"):
-        pool(tables(rng, {"A": (0.0, 1.0)}), PRIOR)
+        Pooled(tables(rng, {"A": (0.0, 1.0)}), PRIOR)
