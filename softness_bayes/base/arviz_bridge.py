@@ -55,11 +55,6 @@ _WITHOUT_DRAWS = ("observed_data", "constant_data", "illustration_data")
 """Groups without draws; ArviZ recognises them by `data` in their names when it makes a table of draws."""
 
 
-def load() -> None:
-    """Import ArviZ, which takes a second, at a moment when nobody waits for it."""
-    _arviz()
-
-
 def r_hat(chains: ArrayLike) -> float:
     """Return the rank-normalised, split and folded R-hat of an array (chains, draws)."""
     return float(_arviz().rhat(_chains(chains)))

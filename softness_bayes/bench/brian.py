@@ -52,14 +52,11 @@ def rates(step: float, current: Array, duration: float) -> Array:
         setattr(group, name, value)
     monitor = b2.SpikeMonitor(group)
     b2.Network(group, monitor).run(duration * b2.ms)
-    trains = (np.asarray(train) for train in monitor.spike_trains().values())
-    return np.array([_steady(train) for train in trains])
-
-
-def _steady(times: Array) -> float:
-    """Return the rate [Hz] over the second half of a spike train [s], whose times are multiples of the step."""
-    half = times.size // 2
-    return (times.size - 1 - half) / float(times[-1] - times[half]) if times.size > 2 else 0.0
+    found = []
+    for train in monitor.spike_trains().values():  # in seconds, whose times are multiples of the step
+        times, half = np.asarray(train), len(train) // 2
+        found.append((times.size - 1 - half) / float(times[-1] - times[half]) if times.size > 2 else 0.0)
+    return np.array(found)
 
 
 PEERS = tuple(Peer("Brian2", f"rk4, {step} ms", partial(rates, step), True) for step in (0.05, 0.02))

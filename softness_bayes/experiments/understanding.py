@@ -75,6 +75,8 @@ def understood(model: ExperimentModel, notes: list[str]) -> dict[str, Any]:
     answers = np.bincount(ratings.participant)
     step = options.slider_width * meaning.intervals.step
     steps = [float(step[ratings.participant == k].max()) for k in range(len(ratings.participants))]
+    laws, rated = model.moduli.laws, np.bincount(ratings.fabric)
+    limits = [(None, None) if law is None else tuple(map(float, law.quantile([0.05, 0.95]))) for law in laws]
     return {
         "schema": SCHEMA,
         "source": ratings.source,
@@ -94,7 +96,18 @@ def understood(model: ExperimentModel, notes: list[str]) -> dict[str, Any]:
             }
             for k, name in enumerate(ratings.participants)
         ],
-        "fabrics": _understood_fabrics(model),
+        "fabrics": [
+            {
+                "name": name,
+                "e_fab_kpa": float(model.moduli.middle[k]) / 1e3,
+                "e_fab_low_kpa": limits[k][0],
+                "e_fab_high_kpa": limits[k][1],
+                "modulus_from": experiment.fabrics.basis[k] or None,
+                "poisson_ratio": float(experiment.fabrics.poisson_ratio[k]),
+                "ratings": int(rated[k]),
+            }
+            for k, name in enumerate(experiment.fabrics.names)
+        ],
         "loads": _understood_loads(ratings),
         "conditions": {
             "rated": len(conditions.fabric),
@@ -116,28 +129,6 @@ def understood(model: ExperimentModel, notes: list[str]) -> dict[str, Any]:
         },
         "design": None,
     }
-
-
-def _understood_fabrics(model: ExperimentModel) -> list[dict[str, Any]]:
-    """Return each fabric with its modulus (and limits, if uncertain) and its number of ratings."""
-    fabrics, moduli = model.data.fabrics, model.moduli
-    counts = np.bincount(model.data.ratings.fabric)
-    found = []
-    for k, name in enumerate(fabrics.names):
-        law = moduli.laws[k]
-        low, high = (None, None) if law is None else tuple(map(float, law.quantile([0.05, 0.95])))
-        found.append(
-            {
-                "name": name,
-                "e_fab_kpa": float(moduli.middle[k]) / 1e3,
-                "e_fab_low_kpa": low,
-                "e_fab_high_kpa": high,
-                "modulus_from": fabrics.basis[k] or None,
-                "poisson_ratio": float(fabrics.poisson_ratio[k]),
-                "ratings": int(counts[k]),
-            }
-        )
-    return found
 
 
 def _understood_loads(ratings: Ratings) -> list[dict[str, Any]]:

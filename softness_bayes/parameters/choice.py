@@ -25,7 +25,7 @@ from softness_bayes.parameters.declared import (
     Parameter,
 )
 from softness_bayes.parameters.joint import JOINT_LAWS
-from softness_bayes.parameters.priors import as_priors
+from softness_bayes.parameters.priors import as_prior
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch.contact import STRAIN, SkinDisplacement
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Membrane
@@ -87,7 +87,8 @@ def parameter_space(
         outside the parameter's range.
     """
     require_mapping("fix", fix or {}, "{'m': 2.0}")
-    fix, priors = dict(fix or {}), as_priors(priors or {})
+    require_mapping("priors", priors or {}, "{'b': 'lognormal(100,0.5)'}")
+    fix, priors = dict(fix or {}), {name: as_prior(name, prior) for name, prior in (priors or {}).items()}
     freed = priors.keys()
     absent = {*absent, *(FINGER_PARAMETERS.keys() - {*(PLATE_PARAMETERS if n_fingers else ()), *spreads})}
     absent |= (ERROR_PARAMETERS.keys() - {*of_errors}) | (ANSWER_PARAMETERS.keys() - {*spreads})

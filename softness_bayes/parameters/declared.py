@@ -245,36 +245,19 @@ EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType(
 HELD: Mapping[str, float] = MappingProxyType({"omega": 0.0})
 """Parameters that are fixed unless they are freed or given a prior."""
 
-_RECORDED_SKIN = {"b_rec": LogNormal(15.8, 0.2), "m_rec": LogNormal(630, 0.1)}
+_DISPLACED = {"tau_m": HalfNormal(354), "b_rec": LogNormal(15.8, 0.2), "m_rec": LogNormal(630, 0.1)}
 
 PRIOR_SETS: Mapping[str, Mapping[SkinDisplacement, Mapping[str, Prior]]] = MappingProxyType(
     {
-        "default": {
-            STRAIN: {},
-            DISPLACEMENT: {
-                "m": LogNormal(707, 0.3),
-                "tau_m": HalfNormal(354),
-                **_RECORDED_SKIN,
-            },
-        },
+        "default": {STRAIN: {}, DISPLACEMENT: {"m": LogNormal(707, 0.3), **_DISPLACED}},
         "in-vivo": {
             STRAIN: {"b": LogNormal(7.5, 0.25), "m": LogNormal(3.9, 0.1)},
-            DISPLACEMENT: {
-                "b": LogNormal(15.8, 0.2),
-                "m": LogNormal(630, 0.1),
-                "tau_m": HalfNormal(354),
-                **_RECORDED_SKIN,
-            },
+            DISPLACEMENT: {"b": LogNormal(15.8, 0.2), "m": LogNormal(630, 0.1), **_DISPLACED},
         },
         # for compression data alone: the other sets already assume what such data measure
         "wide": {
             STRAIN: {"b": LogNormal(30, 1), "m": LogNormal(3, 0.5)},
-            DISPLACEMENT: {
-                "b": LogNormal(30, 1),
-                "m": LogNormal(1060, 0.5),
-                "tau_m": HalfNormal(354),
-                **_RECORDED_SKIN,
-            },
+            DISPLACEMENT: {"b": LogNormal(30, 1), "m": LogNormal(1060, 0.5), **_DISPLACED},
         },
         "recorded": {STRAIN: JOINT_LAWS["recorded"].marginals},
     }

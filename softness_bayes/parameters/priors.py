@@ -105,19 +105,6 @@ def as_prior(name: str, given: Prior | str) -> Prior:
     return given
 
 
-def as_priors(given: Mapping[str, Prior | str]) -> dict[str, Prior]:
-    """Return priors by parameter, each given as a law or in written form (`parse_prior`).
-
-    Raises
-    ------
-    InputError
-        If this is not a mapping, or one of them is not a prior.
-    """
-    if not isinstance(given, Mapping):
-        raise InputError(f"priors: {given!r:.60}, expected a mapping, such as {{'b': 'lognormal(100,0.5)'}}")
-    return {name: as_prior(name, prior) for name, prior in given.items()}
-
-
 def require_prior(what: str, prior: Any) -> None:
     """Raise an error for a value that is not a prior, and for an inconsistent custom law.
 

@@ -92,14 +92,6 @@ class ModeShare(NamedTuple):
     """Its Monte-Carlo standard error."""
 
 
-class Foreseen(NamedTuple):
-    """Total number of steps that a run needs, as estimated at a check."""
-
-    steps: int
-    most: float
-    """Largest number to be expected; infinite if the run is too short for a bound."""
-
-
 @dataclass(frozen=True)
 class Verdict:
     """Result of one convergence check.
@@ -206,10 +198,13 @@ class Verdict:
         return math.ceil(min(max(needs), 20.0 * self.steps))
 
     @property
-    def foreseen(self) -> Foreseen:
-        """Estimated total number of steps; too small if slow movements are not yet visible in a short run."""
+    def foreseen(self) -> tuple[int, float]:
+        """Estimated total number of steps, and the largest one to be expected.
+
+        The first is too small if slow movements are not yet visible in a short run; the second is then infinite.
+        """
         steps = self.steps + self.more_steps
-        return Foreseen(steps, _AT_MOST * steps if self.lengths >= _TELLING else math.inf)
+        return steps, _AT_MOST * steps if self.lengths >= _TELLING else math.inf
 
     def sentence(self) -> str:
         """Return the verdict in one line, with the unmet criteria and the estimated number of further steps."""

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.base import arviz_bridge
 from softness_bayes.base.errors import NumericalError
 from softness_bayes.sampler.adaptation import TriangularMap
 from softness_bayes.sampler.chains import EnsembleState, RunState, random_state
@@ -207,8 +206,6 @@ def place_walkers(
         [np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, e, k)) for k in range(optima + 2)]
         for e in range(ensembles)
     ]
-    workers.start()
-    arviz_bridge.load()  # while the processes start
     climbs, failed = watched(
         workers, [(find_optimum, climb, k == 0) for own in seeds for k, climb in enumerate(own[2:])]
     )

@@ -134,11 +134,6 @@ class Workers:
         with _shielded():  # its semaphores start the process that removes them
             return ProcessPoolExecutor(self._processes, get_context("spawn"), _settle, (self._resident,))
 
-    def start(self) -> None:
-        """Begin to start all processes, which otherwise start with their first tasks."""
-        for _ in range(self._processes if self._pool is not None else 0):
-            self.later(id)
-
     def _begun(self, work: Callable[..., Result], tasks: Mapping[int, tuple[Any, ...]]) -> dict[Future[Result], int]:
         """Submit tasks, as long as no process has died, and return the index of each one."""
         running: dict[Future[Result], int] = {}
