@@ -168,7 +168,7 @@ def calibrate(
     out
         Directory to write to; a calibration there that was begun with the same options is continued.
     """
-    from softness_bayes.cli.check_text import design_lines
+    from softness_bayes.cli.check import design_lines
     from softness_bayes.experiments.understanding import foreseen
     from softness_bayes.runs import calibrate as running
     from softness_bayes.runs.rank_table import read_replicates
