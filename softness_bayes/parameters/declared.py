@@ -245,7 +245,11 @@ EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType(
 HELD: Mapping[str, float] = MappingProxyType({"omega": 0.0})
 """Parameters that are fixed unless they are freed or given a prior."""
 
-_DISPLACED = {"tau_m": HalfNormal(354), "b_rec": LogNormal(15.8, 0.2), "m_rec": LogNormal(630, 0.1)}
+_DISPLACED: Mapping[str, Prior] = {
+    "tau_m": HalfNormal(354),
+    "b_rec": LogNormal(15.8, 0.2),
+    "m_rec": LogNormal(630, 0.1),
+}
 
 PRIOR_SETS: Mapping[str, Mapping[SkinDisplacement, Mapping[str, Prior]]] = MappingProxyType(
     {
