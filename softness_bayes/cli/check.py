@@ -18,7 +18,7 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.run_options import DataFiles
 
 if TYPE_CHECKING:
-    from softness_bayes.data import Afferents, Compression, Experiment, Measurements, Ratings
+    from softness_bayes.data import Experiment, Measurements, Ratings
     from softness_bayes.model.build import ExperimentModel
     from softness_bayes.model.interpretation import Interpretation
     from softness_bayes.people.free_means import FreeMeans
@@ -75,7 +75,7 @@ def check(
         Draw data and fabrics beside the response that the prior predicts (.png, .pdf or .svg).
     """
     from softness_bayes.data import Measurements
-    from softness_bayes.experiments.understanding import SCHEMA, foreseen, understood, warnings
+    from softness_bayes.experiments.understanding import SCHEMA, foreseen, understood, understood_measurements, warnings
     from softness_bayes.model.build import ExperimentModel, recorded_terms
     from softness_bayes.model.reach import reach_of
     from softness_bayes.people.free_means import FreeMeans
@@ -101,7 +101,6 @@ def check(
     people = None if model.scale.model is not None else FreeMeans(experiment.ratings, model, made.interpretation)
     known = understood(made, [*([reached] if reached else []), *notes])
     known["design"] = foreseen(experiment, model) if design else None
-    known |= understood_measurements(experiment)
     if json_:
         means = None if people is None else people.table().astype(object)
         rows = {} if means is None else {"people": means.where(means.notna(), None).to_dict("records")}
@@ -405,50 +404,40 @@ def _loads(ratings: Ratings) -> str:
     return ", ".join(parts)
 
 
-def understood_measurements(data: Experiment | Measurements) -> dict[str, Any]:
-    """Return the interpretation of forces and recorded afferents as JSON data, where there are any."""
-    from softness_bayes.experiments.understanding import understood_afferents, understood_forces
-
-    forces = {} if data.compression is None else {"forces": understood_forces(data.compression)}
-    return forces if data.afferents is None else {**forces, "afferents": understood_afferents(data.afferents)}
-
-
 def measurement_lines(data: Experiment | Measurements) -> list[str]:
     """Return lines on forces and recorded afferents, where there are any."""
-    lines = [] if data.compression is None else _of_forces(data.compression)
-    return lines if data.afferents is None else [*lines, *_of_afferents(data.afferents)]
-
-
-def _of_afferents(data: Afferents) -> list[str]:
-    """Return lines on recorded afferents: responses, probes, distances and loads."""
-    from softness_bayes.experiments.understanding import understood_afferents
-
-    known = understood_afferents(data)
-    rates, curvatures, places = (
-        "{:.4g} to {:.4g}".format(*known["ranges"][name])
-        for name in ("rate_hz", "probe_curvature_per_m", "distance_mm")
-    )
-    who = f"{_span(data.names)} named" if data.names else "none named: every row is a mean of several"
-    return [
-        f"afferents     {who}{''.join(f'; {name}' for name in data.species)}",
-        f"responses     {known['rates']} rates and {known['counts']} counts, {rates} Hz",
-        f"probes        curvature {curvatures} /m (0 is flat), {places} mm from the contact's axis",
-        f"probed at     {_span(known['loads'])}",
-    ]
-
-
-def _of_forces(compression: Compression) -> list[str]:
-    """Return lines on compression data: forces, fingers and indentations."""
     import numpy as np
 
-    depth, force = compression.indentation * 1e3, compression.force
-    zeros, each = counted(compression.n_zero, "row"), _extent(np.bincount(compression.participant).tolist())
-    return [
-        f"forces        {len(compression)}, from {force.min():.3g} to {force.max():.3g} N; {zeros} with a force of 0 "
-        "left out",
-        f"fingers       {_span(compression.participants)}, {each} forces each",
-        f"indentations  {depth.min():.3g} to {depth.max():.3g} mm",
-    ]
+    from softness_bayes.experiments.understanding import understood_measurements
+
+    lines = []
+    if data.compression is not None:
+        fingers, depth, force = (
+            data.compression.participants,
+            data.compression.indentation * 1e3,
+            data.compression.force,
+        )
+        each = _extent(np.bincount(data.compression.participant).tolist())
+        lines += [
+            f"forces        {len(force)}, from {force.min():.3g} to {force.max():.3g} N; "
+            f"{counted(data.compression.n_zero, 'row')} with a force of 0 left out",
+            f"fingers       {_span(fingers)}, {each} forces each",
+            f"indentations  {depth.min():.3g} to {depth.max():.3g} mm",
+        ]
+    if data.afferents is not None:
+        known, names = understood_measurements(data)["afferents"], data.afferents.names
+        rates, curvatures, places = (
+            "{:.4g} to {:.4g}".format(*known["ranges"][name])
+            for name in ("rate_hz", "probe_curvature_per_m", "distance_mm")
+        )
+        who = f"{_span(names)} named" if names else "none named: every row is a mean of several"
+        lines += [
+            f"afferents     {who}{''.join(f'; {name}' for name in data.afferents.species)}",
+            f"responses     {known['rates']} rates and {known['counts']} counts, {rates} Hz",
+            f"probes        curvature {curvatures} /m (0 is flat), {places} mm from the contact's axis",
+            f"probed at     {_span(known['loads'])}",
+        ]
+    return lines
 
 
 def _span(names: Sequence[str]) -> str:

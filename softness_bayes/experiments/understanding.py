@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.inflection import curve_scene, response_curves
-from softness_bayes.data import Afferents, Compression, Experiment, Ratings
+from softness_bayes.data import Experiment, Measurements, Ratings
 from softness_bayes.data.columns import CURVATURE, DISTANCE, RATE
 from softness_bayes.data.oddities import oddities
 from softness_bayes.data.ratings import FREE_TOUCH, load_column, rank, with_few_loads
@@ -116,7 +116,7 @@ def understood(model: ExperimentModel, notes: list[str]) -> dict[str, Any]:
             "possible_by_participants": len(ratings.participants) * pairs,
             "repeats": len(ratings) - cells,
         },
-        "forces": None if experiment.compression is None else understood_forces(experiment.compression),
+        "forces": None,
         "notes": notes,
         "model": {
             "scale": options.scale.name,
@@ -128,7 +128,7 @@ def understood(model: ExperimentModel, notes: list[str]) -> dict[str, Any]:
             "direction_because": direction.evidence.lines,
         },
         "design": None,
-    }
+    } | understood_measurements(experiment)
 
 
 def _understood_loads(ratings: Ratings) -> list[dict[str, Any]]:
@@ -141,33 +141,33 @@ def _understood_loads(ratings: Ratings) -> list[dict[str, Any]]:
     return found
 
 
-def understood_forces(compression: Compression) -> dict[str, Any]:
-    """Return the interpretation of compression data as JSON data."""
-    return {
-        "count": len(compression),
-        "zeros": compression.n_zero,
-        "least_n": float(compression.force.min()),
-        "greatest_n": float(compression.force.max()),
-        "fingers": list(compression.participants),
-        "least_indentation_mm": float(compression.indentation.min()) * 1e3,
-        "greatest_indentation_mm": float(compression.indentation.max()) * 1e3,
-    }
-
-
-def understood_afferents(data: Afferents) -> dict[str, Any]:
-    """Return the interpretation of recorded afferents as JSON data."""
-    return {
-        "rates": int((~data.counted).sum()),
-        "counts": int(data.counted.sum()),
-        "afferents": list(data.names),
-        "species": list(data.species),
-        "loads": [str(load) for load in sorted({*data.loads}, key=rank)],
-        "ranges": {
-            column.name: [float(values.min() / column.factor), float(values.max() / column.factor)]
-            for column, values in data.columns.items()
-            if column in (RATE, CURVATURE, DISTANCE)
-        },
-    }
+def understood_measurements(data: Experiment | Measurements) -> dict[str, Any]:
+    """Return the interpretation of forces and of recorded afferents as JSON data, where there are any."""
+    found: dict[str, Any] = {}
+    if (pressed := data.compression) is not None:
+        found["forces"] = {
+            "count": len(pressed),
+            "zeros": pressed.n_zero,
+            "least_n": float(pressed.force.min()),
+            "greatest_n": float(pressed.force.max()),
+            "fingers": list(pressed.participants),
+            "least_indentation_mm": float(pressed.indentation.min()) * 1e3,
+            "greatest_indentation_mm": float(pressed.indentation.max()) * 1e3,
+        }
+    if (recorded := data.afferents) is not None:
+        found["afferents"] = {
+            "rates": int((~recorded.counted).sum()),
+            "counts": int(recorded.counted.sum()),
+            "afferents": list(recorded.names),
+            "species": list(recorded.species),
+            "loads": [str(load) for load in sorted({*recorded.loads}, key=rank)],
+            "ranges": {
+                column.name: [float(values.min() / column.factor), float(values.max() / column.factor)]
+                for column, values in recorded.columns.items()
+                if column in (RATE, CURVATURE, DISTANCE)
+            },
+        }
+    return found
 
 
 def foreseen(experiment: Experiment, options: ModelOptions) -> dict[str, Any]:
