@@ -32,7 +32,7 @@ NAMES = tuple(f"cloth {k:02d}" for k in range(MODULI.size))
 RATERS, CONDITIONS = 10, 8
 BEGIN = [(k, 1) for k in range(4)]
 """Fabric and load of the first conditions."""
-ABOUT = ("b", "sigma_0", "turning@2mm")
+ABOUT = ("b", "m", "sigma_0", "turning@2mm")
 HELD = {"eps": 0.1, "omega": 0.0, **PAPER_CHANNELS._asdict()}
 
 
@@ -57,7 +57,7 @@ def laboratory(rng):
     of = values["gamma"] * np.log(rate + HELD["eps"])
     scale, noise = values["tau"] * rng.standard_normal((RATERS, 1, 1, 1)), rng.standard_normal((RATERS, *of.shape, 3))
     log_rating = np.log(20.0) + scale + (of - of[:4, 1].mean())[..., None] + values["varsigma"] * noise
-    return np.exp(log_rating), np.log([values["b"], values["sigma_0"], turn.modulus[0, 0]])
+    return np.exp(log_rating), np.log([*(values[name] for name in ABOUT[:3]), turn.modulus[0, 0]])
 
 
 def model_of(ratings, conditions, stated=MODULI, cv=None):
@@ -114,7 +114,7 @@ def effective(log_weight):
 
 def quantities(outlook):
     """Return the draws of each quantity, of turning points NaN where a draw has none."""
-    return [*(np.log(outlook.named[name]) for name in ABOUT[:2]), outlook.quantities({"turning": LOADS[1]})["turning"]]
+    return [*(np.log(outlook.named[name]) for name in ABOUT[:3]), outlook.quantities({"turning": LOADS[1]})["turning"]]
 
 
 def spreads(outlook):
@@ -187,8 +187,8 @@ class Begun:
 def test_ratios_are_foretold(seed):
     """Ratios of sds over ratings that are simulated from the posterior and fitted agree with those foretold.
 
-    Over 25 truths, those of b and of the turning point within a fifth; that of sigma_0 is foretold at least 0.9 of what
-    it becomes. In single laboratories they differ by up to a factor of two.
+    Over 25 truths, those of b, m and the turning point within a fifth; that of sigma_0 is foretold at least 0.9 of
+    what it becomes. In single laboratories they differ by up to a factor of two.
     """
     lab, errors = Begun(seed), []
     for conditions in (*(designed(lab.first, name) for name in ABOUT), USUAL):
@@ -196,9 +196,9 @@ def test_ratios_are_foretold(seed):
         after = [lab.realised(conditions, lab.ratings_of_draw(s, conditions)) for s in truths]
         realised = np.sqrt(np.nanmean(np.square(after), axis=0))
         errors.append(np.log(lab.foretold(conditions) / realised))
-    b, sigma_0, turning = np.transpose(errors)
+    b, m, sigma_0, turning = np.transpose(errors)
     assert np.abs(np.mean(errors)) < 0.1
-    assert np.abs([b, turning]).max() < np.log(1.2)
+    assert np.abs([b, m, turning]).max() < np.log(1.2)
     assert sigma_0.min() > np.log(0.9)
 
 
@@ -246,6 +246,8 @@ def test_declared_errors_of_moduli_are_covered():
             after = quantities(sampled(ratings, BEGIN + conditions, stated, cv, seed))
             low, high = np.nanquantile(after, [0.05, 0.95], axis=1)
             covered.append((low < truth) & (truth < high))
-    shares = np.reshape(covered, (labs, 4, 3)).mean(axis=0)
-    assert shares[:3].mean() > 0.85
+    each = np.reshape(covered, (labs, len(ABOUT) + 1, len(ABOUT))).astype(float)
+    shares, further = each.mean(axis=0), each[:, :-1].mean(axis=(1, 2)) - each[:, -1].mean(axis=1)
+    assert shares[:-1].mean() > 0.85
+    assert further.mean() > -2.0 * further.std(ddof=1) / np.sqrt(labs)  # not below that of usual sets
     assert (labs * shares >= binom.ppf(0.01, labs, 0.9)).all(), shares
