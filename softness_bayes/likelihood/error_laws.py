@@ -5,9 +5,8 @@ Lapses are observations that do not depend on the touch; their own distribution 
 A law is a frozen value. Its methods take errors in units of their spread, shape (..., rows), and the model's
 parameters of batch shape (...).
 
-Student's distribution function is slow: its normal score q, with Phi(q) = F_nu(u), is close to z = sign(u) sqrt(nu
-log(1 + u²/nu)) (Wallace, Ann. Math. Stat. 30, 1121, 1959), and (q/z - 1) nu is smooth in 1/nu and z. A Chebyshev series
-in both, fitted to SciPy's function, takes a seventh of the time.
+Student's distribution function is slow. Mills' ratio r of the probability beyond u > 0 and the density there is close to
+(1 + u²/nu) / (u + 1/r(0)), and what it differs by is smooth in nu^-1/2 and u / (u + 1): a series in both.
 """
 
 from __future__ import annotations
@@ -17,12 +16,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
-from numpy.polynomial import chebyshev
+from numpy.polynomial import Polynomial, chebyshev
 from numpy.typing import NDArray
-from scipy.special import betaln, ndtri_exp, stdtr
+from scipy.special import betaln, ndtr, ndtri_exp
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.laws import LOG_TWO_PI
@@ -38,11 +37,7 @@ GUMBEL_SD = math.pi / math.sqrt(6.0)
 LEAST_FREEDOM = 0.5
 """Smallest degrees of freedom of the series."""
 
-LARGEST_SCORE = 10.0
-"""Largest z of the series; beyond it q/z stays as it is there, where probabilities are below 1e-18."""
-
-_HALF_WAY = 4.0  # value of z at the midpoint of the series' variable
-_ORDERS = 40, 20  # numbers of terms in 1/nu and in z
+_ORDERS = 30, 16  # numbers of terms in nu^-1/2 and in u / (u + 1)
 _LARGE = 100.0  # degrees of freedom beyond which rounding of 1 + u²/nu would matter
 
 
@@ -66,8 +61,6 @@ class ErrorLaw:
     meaning: str
     needs: tuple[str, ...] = ()
     lapses: bool = False
-    slow_functions: ClassVar[bool] = False
-    """True if distribution functions take several times as long as densities."""
 
     @property
     def concave(self) -> bool:
@@ -85,6 +78,10 @@ class ErrorLaw:
         """
         return errors
 
+    def tail(self, errors: FloatArray, density: FloatArray, parameters: Any) -> FloatArray:
+        """Return the probability beyond the absolute values of errors on one side, given the density there."""
+        return np.asarray(ndtr(-np.abs(errors)))
+
     def log_density(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return the log density of errors."""
         return -0.5 * errors * errors - 0.5 * LOG_TWO_PI
@@ -98,8 +95,6 @@ class ErrorLaw:
 class StudentLaw(ErrorLaw):
     """Student's t with `nu` degrees of freedom."""
 
-    slow_functions: ClassVar[bool] = True
-
     concave = False
 
     def draw(self, rng: np.random.Generator, shape: tuple[int, ...], parameters: Any) -> FloatArray:
@@ -109,7 +104,12 @@ class StudentLaw(ErrorLaw):
 
     def normal_scores(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return q with Phi(q) = F_nu(error)."""
-        return student_normal_score(errors, _nu(parameters))
+        log_density = self.log_density(errors, parameters)
+        return np.copysign(ndtri_exp(log_density + np.log(self.tail(errors, np.ones(1), parameters))), errors)
+
+    def tail(self, errors: FloatArray, density: FloatArray, parameters: Any) -> FloatArray:
+        """Return the density times Mills' ratio."""
+        return density * student_tail_ratio(errors, _nu(parameters))
 
     def log_density(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return the log of Student's density."""
@@ -142,25 +142,30 @@ def student_log_density(u: FloatArray, nu: FloatArray) -> FloatArray:
     return constant[place] - 0.5 * (nu + 1.0) * logs
 
 
-def student_normal_score(u: FloatArray, nu: FloatArray) -> FloatArray:
-    """Return q with Phi(q) = F_nu(u), where `u` is broadcast with `nu`.
+def student_tail_ratio(u: FloatArray, nu: FloatArray) -> FloatArray:
+    """Return F_nu(-abs(u)) divided by the density at `u`, which is broadcast with `nu`.
 
-    For nu from `LEAST_FREEDOM` up its error is at most 1e-8 of q, and falls as 1/nu.
+    For nu from `LEAST_FREEDOM` up its relative error is at most 1e-6.
     """
     different, place = _different(nu)
     angle = np.arccos(2.0 * np.sqrt(np.minimum(LEAST_FREEDOM / different, 1.0)) - 1.0)
-    of_score = (np.cos(angle[:, None] * np.arange(_ORDERS[0])) @ _coefficients()).T
-    z = np.sqrt(nu * np.log1p(u * u / nu))
-    at = np.minimum(z, LARGEST_SCORE)
-    at = at / (at + _HALF_WAY) * (2.0 + 2.0 * _HALF_WAY / LARGEST_SCORE) - 1.0
-    correction = np.broadcast_to(of_score[-1][place], at.shape).copy()
-    for coefficient in of_score[-2::-1]:
-        correction *= at
-        correction += coefficient[place]
-    correction *= np.minimum(1.0 / nu, 1.0 / LEAST_FREEDOM)
-    correction += 1.0
-    correction *= z
-    return np.copysign(correction, u)
+    series = (np.cos(angle[:, None] * np.arange(_ORDERS[0])) @ _coefficients()).T
+    size = np.abs(u)
+    share = size / (size + 1.0)
+    found = np.broadcast_to(series[-1][place], size.shape).copy()
+    for coefficient in series[-2::-1]:
+        found *= share
+        found += coefficient[place]
+    found *= share
+    found += 1.0
+    found *= 1.0 + size * (size / nu)
+    found /= size + _density_at_zero(different)[place]
+    return found
+
+
+def _density_at_zero(nu: FloatArray) -> FloatArray:
+    """Return twice the density at 0, the inverse of Mills' ratio there."""
+    return np.asarray(2.0 * np.exp(-betaln(0.5 * nu, 0.5)) / np.sqrt(nu))
 
 
 def _different(nu: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
@@ -172,16 +177,18 @@ def _different(nu: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
 
 @cache
 def _coefficients() -> FloatArray:
-    """Return the coefficients of (q/z - 1) nu: Chebyshev in 1/nu, monomial in z, shape (orders of each)."""
+    """Return the coefficients of the series: Chebyshev in nu^-1/2, monomial in the share, shape (orders of each)."""
     x, y = (np.cos(np.pi * (np.arange(size) + 0.5) / size) for size in _ORDERS)
-    v = 0.5 * (1.0 + y) / (1.0 + _HALF_WAY / LARGEST_SCORE)
-    z, nu = _HALF_WAY * v / (1.0 - v), LEAST_FREEDOM * (2.0 / (1.0 + x))[:, None] ** 2
-    u = np.sqrt(nu * np.expm1(z * z / nu))
-    score = -ndtri_exp(np.log(stdtr(nu, -u)))
-    table = (score / z - 1.0) * nu
-    by_nu = chebyshev.chebfit(x, table, x.size - 1)
-    by_z = chebyshev.chebfit(y, by_nu.T, y.size - 1).T
-    return np.array([chebyshev.cheb2poly(row) for row in by_z])
+    share, nu = 0.5 * (1.0 + y), LEAST_FREEDOM * (2.0 / (1.0 + x))[:, None] ** 2
+    u = share / (1.0 - share)
+    # the ratio is the integral of the density's ratio to that at u: over logarithms, because tails are long
+    step, beyond = 0.2, np.exp(np.arange(-36.0, 70.0, 0.2))[:, None, None]
+    fall = np.log1p((2.0 * u + beyond) * beyond / (nu + u * u))
+    ratio = step * (np.exp(-0.5 * (nu + 1.0) * fall) * beyond).sum(axis=0)
+    table = (ratio * (u + _density_at_zero(nu)) / (1.0 + u * u / nu) - 1.0) / share
+    by_share = chebyshev.chebfit(y, chebyshev.chebfit(x, table, x.size - 1).T, y.size - 1).T
+    # from Chebyshev polynomials of 2 share - 1 to powers of the share
+    return np.array([Polynomial(chebyshev.cheb2poly(row))(Polynomial([-1.0, 2.0])).coef for row in by_share])
 
 
 def _nu(parameters: Any) -> FloatArray:

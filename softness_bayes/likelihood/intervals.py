@@ -337,7 +337,7 @@ def _trust(values: FloatArray, rater: IndexArray, condition: IndexArray) -> Floa
             for part in parts:
                 left[part] -= np.median(left[part])
     scale = 1.5 * np.median(np.abs(left))
-    return np.ones(values.size) if not scale > 0 else 1.0 / (1.0 + 0.25 * (left / scale) ** 2)
+    return np.ones(values.size) if not scale > 0 else 1.0 / (1.0 + (left / scale) ** 2 / 12.0)
 
 
 @dataclass(frozen=True)

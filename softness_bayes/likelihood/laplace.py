@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 SETTLED = 0.05
-"""Newton's method ends once no effect moves by more than this, in its standard deviations given the others."""
+"""Newton's method ends with a step that moves no effect by more than this, in its standard deviations given the others."""
 MOST_STEPS = 40
 """Most evaluations of the rows in one search: far from the data the mode need not be found."""
 LEAST_PIVOT = 0.2
@@ -65,67 +65,56 @@ class Step(NamedTuple):
     coupling: FloatArray
     shared_root: FloatArray
 
+    def replaced(self, draws: Any, new: Step) -> Step:
+        """Return the same arrays with the steps of some draws replaced, in place."""
+        for whole, part in zip(self, new, strict=True):
+            whole[draws] = part
+        return self
+
 
 def laplace(table: Table, given: Given, start: FloatArray | None = None) -> Laplace:
-    """Return the mode of all effects, by Newton's method from a start (draws, effects), and the normal law about it."""
-    start = table.start(given) if start is None else start
+    """Return the mode of all effects, by Newton's method from a start (draws, effects), and the normal law about it.
+
+    A step that lowers the density of rows and effects is halved.
+    """
+    trial = (table.start(given) if start is None else start).copy()
+    point, best, active = trial.copy(), np.full(len(trial), -np.inf), np.arange(len(trial))
+    step, part = None, given
     # a step that is far too long overflows; it is then no rise, and its point not near a mode
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        point, value, sums = _search(table, given, start)
-        normal = _newton(table, given, point, sums)
-        near = normal.size <= 2.0 * SETTLED
-        # the search has not ended elsewhere: H may be indefinite there, and its factor without meaning
-        normal = _made_safe(normal, ~near, table, given, point, sums)
-    curvature = log_determinant(normal.own_root).sum(axis=-1) + log_determinant(normal.shared_root)
-    mode = point + np.where(near[:, None], normal.change, 0.0)
-    return Laplace(mode, value + np.where(near, normal.gain, 0.0) - 0.5 * curvature, *normal[3:])
+        for _ in range(MOST_STEPS):
+            sums = table.sums(part, table.effects(part, trial[active]))
+            value = sums.value.reshape(active.size, -1).sum(axis=-1) - 0.5 * (trial[active] ** 2).sum(axis=-1)
+            # where a spread or the density has overflowed or underflowed there is no rise
+            risen = np.isfinite(value) & (value >= best[active] - 1e-9 * np.abs(value))
+            if step is None:
+                risen[:] = True
+            up, down = active[risen], active[~risen]
+            trial[down] = 0.5 * (trial[down] + point[down])
+            if up.size:
+                point[up], best[up] = trial[up], value[risen]
+                every = risen.all()
+                new = _step(table, *(one if every else one.part(risen) for one in (part, sums)), point[up])
+                step = new if step is None else step.replaced(up, new)
+                trial[up] += new.change
+                active = np.sort(np.concatenate([up[~(new.size <= SETTLED)], down]))
+            if not active.size:
+                break
+            part = given if active.size == len(trial) else given.part(active)
+    assert step is not None, "the first evaluation makes a step"
+    near = step.size <= SETTLED
+    curvature = log_determinant(step.own_root).sum(axis=-1) + log_determinant(step.shared_root)
+    mode = point + np.where(near[:, None], step.change, 0.0)
+    return Laplace(mode, best + np.where(near, step.gain, 0.0) - 0.5 * curvature, *step[3:])
 
 
-def _search(table: Table, given: Given, start: FloatArray) -> tuple[FloatArray, FloatArray, Sums]:
-    """Return points near the modes, with the log density of rows and effects and the sums over rows there.
-
-    A step that lowers the density is halved. A draw whose next step is small is settled.
-    """
-    point, trial, best = start.copy(), start.copy(), np.full(len(start), -np.inf)
-    active, sums = np.arange(len(start)), table.sums(given, table.effects(given, start))
-    here, part = sums, given
-    for _ in range(MOST_STEPS):
-        value = here.value.reshape(active.size, -1).sum(axis=-1) - 0.5 * (trial[active] ** 2).sum(axis=-1)
-        # where a spread or the density has overflowed or underflowed there is no rise
-        risen = np.isfinite(value) & (value >= best[active] - 1e-9 * np.abs(value))
-        up, down = active[risen], active[~risen]
-        point[up], best[up] = trial[up], value[risen]
-        for whole, now in zip(sums, here, strict=True):
-            whole[up] = now[risen]
-        trial[down] = 0.5 * (trial[down] + point[down])
-        if up.size:
-            every = up.size == len(start)
-            step = _step(table, given, point, sums) if every else _step(table, given.part(up), point[up], sums.part(up))
-            trial[up] += step.change
-            up = up[step.size > SETTLED]
-        active = np.sort(np.concatenate([up, down]))
-        if not active.size:
-            break
-        part = given if active.size == len(start) else given.part(active)
-        here = table.sums(part, table.effects(part, trial[active]))
-    return point, best, sums
-
-
-def _step(table: Table, given: Given, point: FloatArray, sums: Sums) -> Step:
-    """Return a Newton step, from safe curvatures where the Hessian is not negative definite."""
+def _step(table: Table, given: Given, sums: Sums, point: FloatArray) -> Step:
+    """Return a Newton step, from safe curvatures where it is long and the Hessian is not negative definite."""
     step = _newton(table, given, point, sums)
     least = np.minimum(_least_pivot(step.own_root).min(axis=-1), _least_pivot(step.shared_root))
-    return _made_safe(step, ~(least > 1.01 * LEAST_PIVOT), table, given, point, sums)
-
-
-def _made_safe(
-    step: Step, unsafe: NDArray[np.bool_], table: Table, given: Given, point: FloatArray, sums: Sums
-) -> Step:
-    """Return steps that are made with `Sums.safe` where they are unsafe."""
+    unsafe = ~((least > 1.01 * LEAST_PIVOT) | (step.size <= SETTLED))
     if unsafe.any():
-        safe = _newton(table, given.part(unsafe), point[unsafe], sums.part(unsafe), safe=True)
-        for whole, part in zip(step, safe, strict=True):
-            whole[unsafe] = part
+        step = step.replaced(unsafe, _newton(table, given.part(unsafe), point[unsafe], sums.part(unsafe), safe=True))
     return step
 
 

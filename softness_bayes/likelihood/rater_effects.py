@@ -65,12 +65,12 @@ class Given:
 
     @property
     def middles(self) -> tuple[FloatArray, FloatArray]:
-        """Middle and width of each interval, (rows,) or (draws, rows); an infinite end is two spreads off the other."""
+        """Middle and width of each interval, (rows,) or (draws, rows); an infinite end is 20 spreads off the other."""
         low, high = self.rows.low, self.rows.high
         if not np.isfinite(high - low).all():
             low, high = (
-                np.where(np.isfinite(low), low, high - 2.0 * self.spread),
-                np.where(np.isfinite(high), high, low + 2.0 * self.spread),
+                np.where(np.isfinite(low), low, high - 20.0 * self.spread),
+                np.where(np.isfinite(high), high, low + 20.0 * self.spread),
             )
         return 0.5 * (low + high), high - low
 

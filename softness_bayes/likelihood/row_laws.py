@@ -4,37 +4,26 @@ A rating represents an interval on the additive scale, such as the logs of all n
 An exact number is an interval of width 0, with a density instead of a probability.
 
 With F the distribution function of the errors, f its density, and t = (end - expectation) / spread, the probability of
-an interval is P = F(t_high) - F(t_low). All derivatives of P follow from f and f' at the two ends. Student's F takes
-ten times as long as f: there, P of a narrow interval is a sum of f at Gauss-Legendre points.
+an interval is P = F(t_high) - F(t_low). All derivatives of P follow from f and f' at the two ends.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
-from scipy.special import log_ndtr, ndtr, ndtri
+from scipy.special import ndtr, ndtri
 
 from softness_bayes.likelihood.design import FloatArray
 from softness_bayes.likelihood.error_laws import ErrorLaw
 
-POINTS, WIDEST = 4, 0.4
-"""Number of Gauss points of narrow intervals, and their largest half-width [spreads]: errors are below 1e-5."""
-NARROWEST = 1e-4
-"""Half-width below which a difference of distribution functions would lose digits, whatever the law."""
-LEAST = 1e-6
-"""Probability of an interval below which it is computed from logarithms, unless it is far below that of a lapse."""
-LOST, COVERED = 1e-17, 1e-8
-"""Rounding error of a probability, and probability of the row as a lapse that hides it."""
-FAR = 6.0
-"""Normal score of both ends beyond which probabilities are computed from logarithms."""
+SLIVER = 1e-4
+"""Width of an exact number among intervals [spreads]; relative errors of its density are of the order of the square."""
 OPEN = 1e40
 """Finite error used in place of an infinite end."""
-FARTHEST = -1e10
-"""Log probability below which rounding leaves no digits of a density's ratio to it."""
+LEAST = 1e-280
+"""Probability below which that of an interval is computed from the logarithm of the density."""
 _TINY = 1e-290
 
 
@@ -100,16 +89,17 @@ class RowLaw:
 
     def log_probability(self) -> FloatArray:
         """Return the log probability of each row; of exact numbers, the log density per unit of the additive scale."""
-        return self._by_kind(0)[0]
+        return self._terms(0)[0]
 
     def terms(self, noise: bool = False) -> RowTerms:
         """Return `log_probability` and its first two derivatives, with those in the log spread if `noise` is true."""
-        return RowTerms(*self._by_kind(5 if noise else 2))
+        return RowTerms(*self._terms(5 if noise else 2))
 
     def below(self) -> FloatArray:
         """Return the probability below each exact number, or below each interval plus half its own; without lapses."""
-        low, high = (ndtr(self._score(end)) for end in self._ends())
-        return np.asarray(0.5 * (low + high))
+        ends = self._ends()
+        tails = (self._tail(end, np.exp(self._log_density(end))) for end in ends)
+        return 0.5 * sum(np.where(end < 0.0, tail, 1.0 - tail) for end, tail in zip(ends, tails, strict=True))
 
     def scores(self, share: FloatArray) -> FloatArray:
         """Return normal scores of the rows, (..., rows); an interval's is taken at a given `share` of its probability.
@@ -117,8 +107,8 @@ class RowLaw:
         With uniform random shares, the scores of intervals are also standard normal under the model.
         """
         low, high = (self._score(end) for end in self._ends())
-        flip, near, far = _towards_zero(low, high)
-        part = np.where(flip, 1.0 - share, share)
+        flip = low + high > 0  # to the tail in which both probabilities are small
+        near, far, part = np.where(flip, -high, low), np.where(flip, -low, high), np.where(flip, 1.0 - share, share)
         p, q = ndtr(near), ndtr(far)
         score = ndtri(np.clip(p + part * (q - p), _TINY, None))
         score = np.where(self.rows.low == self.rows.high, far, np.clip(score, near, far))
@@ -146,110 +136,67 @@ class RowLaw:
     def _log_density(self, errors: FloatArray) -> FloatArray:
         return self.law.log_density(errors, self.parameters)
 
-    def _by_kind(self, orders: int) -> list[FloatArray]:
-        """Return the log probability and as many derivatives as asked, each row by the method for its interval."""
-        half = 0.5 * (self.rows.high - self.rows.low)
-        exact = half == 0.0
-        narrow = (half <= self.spread * (WIDEST if self.law.slow_functions else NARROWEST)) & ~exact
-        kinds = [(RowLaw._of_numbers, exact), (RowLaw._by_points, narrow), (RowLaw._by_functions, ~(narrow | exact))]
-        kinds.sort(key=lambda kind: -int(kind[1].sum()))
-        # the method of most rows takes all, without copies; the others overwrite theirs
+    def _tail(self, errors: FloatArray, density: FloatArray) -> FloatArray:
+        return self.law.tail(errors, density, self.parameters)
+
+    def _terms(self, orders: int) -> list[FloatArray]:
+        """Return the log probability and as many derivatives as asked."""
+        exact = self.rows.low == self.rows.high
         with np.errstate(all="ignore"):
-            parts = kinds[0][0](self, orders)
-            for method, chosen in kinds[1:]:
-                self._overwrite(parts, chosen, method, orders)
+            parts = self._of_numbers(orders) if exact.all() else self._of_intervals(orders, exact)
         return self._with_lapses(parts)
-
-    def _overwrite(
-        self,
-        parts: list[FloatArray],
-        chosen: NDArray[np.bool_],
-        method: Callable[[RowLaw, int], list[FloatArray]],
-        orders: int,
-    ) -> None:
-        """Replace results for chosen rows by those of another method, each as the only row of a draw of its own."""
-        if not chosen.any():
-            return
-        shape = parts[0].shape
-        some = np.nonzero(np.broadcast_to(chosen, shape))
-
-        def of(values: FloatArray) -> FloatArray:
-            return np.broadcast_to(values, shape)[some][:, None]
-
-        own = self.parameters.each(lambda value: np.broadcast_to(value, shape[:-1])[some[:-1]])
-        rows = Rows(*(of(part) for part in self.rows))
-        found = method(RowLaw(self.law, rows, of(self.expected), of(self.spread), own), orders)
-        for whole, part in zip(parts, found, strict=True):
-            whole[some] = part[:, 0]
 
     def _of_numbers(self, orders: int) -> list[FloatArray]:
         """Return log densities of exact numbers and their derivatives."""
+        parts = self._of_densities((self.rows.low - self.expected) * self._inverse, orders)
+        parts[0] -= np.log(self.spread)
+        if orders > 2:
+            parts[3] -= 1.0
+        return parts
+
+    def _of_densities(self, t: FloatArray, orders: int) -> list[FloatArray]:
+        """Return log densities of errors in units of their spread, and their derivatives."""
         inverse = self._inverse
-        t = (self.rows.low - self.expected) * inverse
-        parts = [self._log_density(t) - np.log(self.spread)]
+        parts = [self._log_density(t)]
         if orders:
             first, second = self.law.slopes(t, self.parameters)
             parts += [-first * inverse, np.broadcast_to(second * (inverse * inverse), t.shape).copy()]
             if orders > 2:
-                parts += [-1.0 - t * first, (second * t + first) * inverse, t * (first + t * second)]
+                parts += [-t * first, (second * t + first) * inverse, t * (first + t * second)]
         return parts
 
-    def _by_points(self, orders: int) -> list[FloatArray]:
-        """Return log probabilities of narrow intervals and their derivatives, from the density at Gauss points."""
-        half = 0.5 * (self.rows.high - self.rows.low) * self._inverse
-        middle = (self.rows.low - self.expected) * self._inverse + half
-        centre, whole = self._log_density(middle), np.zeros_like(middle)
-        for x, weight in zip(*leggauss(POINTS), strict=True):
-            share = self._log_density(middle + x * half)
-            share -= centre  # relative to the density in the middle nothing underflows
-            whole += weight * np.exp(share, out=share)
-        parts = [centre + np.log(whole * half)]
-        if not orders:
-            return parts
-        ends = middle - half, middle + half
-        return parts + self._derivatives([(end, np.exp(self._log_density(end) - parts[0])) for end in ends], orders)
+    def _of_intervals(self, orders: int, exact: NDArray[np.bool_]) -> list[FloatArray]:
+        """Return log probabilities of intervals and their derivatives; exact numbers among them count as narrow ones.
 
-    def _by_functions(self, orders: int) -> list[FloatArray]:
-        """Return log probabilities of intervals and their derivatives, from distribution functions."""
-        ends = self._ends()
-        whole = ndtr(self._score(ends[1]))
-        whole -= ndtr(self._score(ends[0]))
-        small = whole < LEAST
-        if self.law.lapses:
-            small &= self._log_lapse < np.log(COVERED)
-            whole = np.where(small, whole, np.maximum(whole, LOST))
+        Tails are subtracted on the side of zero where they are small, and so lose no digits. An interval whose
+        probability underflows has the derivatives of a number at its nearer end, beyond which the density is
+        exponential.
+        """
+        low, high = self._ends()
+        if exact.any():
+            low, high = low - 0.5 * SLIVER * exact, high + 0.5 * SLIVER * exact
+        of_low, of_high = (np.exp(self._log_density(end)) for end in (low, high))
+        whole = np.copysign(self._tail(low, of_low), low) - np.copysign(self._tail(high, of_high), high)
+        whole += (low < 0.0) & (high > 0.0)
         parts = [np.log(whole)]
         if orders:
-            parts += self._derivatives([(end, np.exp(self._log_density(end)) / whole) for end in ends], orders)
-        self._overwrite(parts, small, RowLaw._by_logarithms, orders)
+            parts += self._derivatives(low, high, of_low / whole, of_high / whole, orders)
+        lost = whole < LEAST
+        if lost.any():
+            near = np.where(low > 0.0, low, high)
+            slope = np.abs(self.law.slopes(near, self.parameters)[0])
+            tails = self._of_densities(near, orders)
+            tails[0] += np.log(-np.expm1(-slope * (high - low)) / slope)
+            for part, of_tail in zip(parts, tails, strict=True):
+                np.copyto(part, of_tail, where=lost)
+        if exact.any():
+            parts[0] -= exact * np.log(SLIVER * self.spread)
         return parts
 
-    def _by_logarithms(self, orders: int) -> list[FloatArray]:
-        """Return what `_by_functions` does, for probabilities so small that digits would be lost."""
-        low, high = ends = self._ends()
-        value = _log_between(*(self._score(end) for end in ends))
-        width = (self.rows.high - self.rows.low) * self._inverse
-        lost = np.isneginf(value) & np.isfinite(width)
-        if (
-            lost.any()
-        ):  # so far out that scores of both ends are equal; the density is not below that of the farther end
-            value = np.where(lost, np.minimum(*(self._log_density(end) for end in ends)) + np.log(width), value)
-        if not orders:
-            return [value]
-        # far out a ratio is the slope of the log density (Mills), and the difference of logarithms is rounding
-        near = value > FARTHEST
-        ratios = [np.exp(np.where(near, self._log_density(end) - value, -np.inf)) for end in ends]
-        nearest = np.where(low + high > 0.0, 0, 1)
-        for k, end in enumerate(ends):
-            slope = np.abs(self.law.slopes(end, self.parameters)[0])
-            ratios[k] = np.where(~near & (nearest == k), slope, ratios[k])
-        return [value, *self._derivatives(list(zip(ends, ratios, strict=True)), orders)]
-
-    def _derivatives(self, ends: list[tuple[FloatArray, FloatArray]], orders: int) -> list[FloatArray]:
+    def _derivatives(
+        self, low: FloatArray, high: FloatArray, of_low: FloatArray, of_high: FloatArray, orders: int
+    ) -> list[FloatArray]:
         """Return derivatives of log P from each end's t and f(t) / P."""
-        if not orders:
-            return []
-        (low, of_low), (high, of_high) = ends
         inverse = self._inverse
         slope_low, slope_high = (self.law.slopes(end, self.parameters)[0] for end in (low, high))
         mean = (of_low - of_high) * inverse
@@ -266,12 +213,12 @@ class RowLaw:
         """Return the log probability of a mixture with lapses, and its derivatives, from those without."""
         if not self.law.lapses:
             return parts
-        with np.errstate(divide="ignore"):
-            kept = np.log1p(-self._lapse) + parts[0]
-            value = np.logaddexp(kept, self._log_lapse)
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            kept, lapse = np.log1p(-self._lapse) + parts[0], self._log_lapse
+            share = 1.0 / (1.0 + np.exp(lapse - kept))
+            value = np.where(share > _TINY, kept - np.log(share), lapse)
         if len(parts) == 1:
             return [value]
-        share = np.exp(kept - value)
         mixed = share * (1.0 - share)
         mean, mean2 = parts[1:3]
         found = [value, share * mean, share * mean2 + mixed * mean * mean]
@@ -279,22 +226,3 @@ class RowLaw:
             noise, both, noise2 = parts[3:]
             found += [share * noise, share * both + mixed * mean * noise, share * noise2 + mixed * noise * noise]
         return found
-
-
-def _towards_zero(low: FloatArray, high: FloatArray) -> tuple[NDArray[np.bool_], FloatArray, FloatArray]:
-    """Return True where an interval is mirrored, and its ends in the tail in which both probabilities are small."""
-    flip = low + high > 0
-    return flip, np.where(flip, -high, low), np.where(flip, -low, high)
-
-
-def _log_between(low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return log(Phi(high) - Phi(low))."""
-    _, near, far = _towards_zero(low, high)
-    with np.errstate(divide="ignore"):
-        value = np.log(ndtr(far) - ndtr(near))
-    tail = far < -FAR
-    if tail.any():
-        outer = log_ndtr(far[tail])
-        with np.errstate(divide="ignore"):
-            value[tail] = outer + np.log1p(-np.exp(log_ndtr(near[tail]) - outer))
-    return np.asarray(value)
