@@ -5,8 +5,8 @@ Lapses are observations that do not depend on the touch; their own distribution 
 A law is a frozen value. Its methods take errors in units of their spread, shape (..., rows), and the model's
 parameters of batch shape (...).
 
-Student's distribution function is slow. Mills' ratio r of the probability beyond u > 0 and the density there is close to
-(1 + u²/nu) / (u + 1/r(0)), and what it differs by is smooth in nu^-1/2 and u / (u + 1): a series in both.
+Student's distribution function is slow. Mills' ratio r of the probability beyond u > 0 and the density there is close
+to (1 + u²/nu) / (u + 1/r(0)), and what it differs by is smooth in nu^-1/2 and u / (u + 1): a series in both.
 """
 
 from __future__ import annotations

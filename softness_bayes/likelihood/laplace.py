@@ -15,7 +15,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from softness_bayes.likelihood.design import FloatArray
 from softness_bayes.likelihood.pieces import backward, cholesky, forward, log_determinant
@@ -25,7 +24,8 @@ if TYPE_CHECKING:
 
 
 SETTLED = 0.05
-"""Newton's method ends with a step that moves no effect by more than this, in its standard deviations given the others."""
+"""Newton's method ends with a step that moves no effect by more than this, in its standard deviations given the
+others."""
 MOST_STEPS = 40
 """Most evaluations of the rows in one search: far from the data the mode need not be found."""
 LEAST_PIVOT = 0.2
