@@ -29,14 +29,20 @@ def command_line() -> str:
 
 
 @contextmanager
-def executor_of(dask: str | None) -> Iterator[Executor | None]:
-    """Connect to the requested cluster, if any."""
+def executor_of(dask: str | None, shared: Path | None = None) -> Iterator[Executor | None]:
+    """Connect to the requested cluster, if any; tasks write to the shared directory, if all workers see it."""
     if dask is None:
         yield None
         return
     from softness_bayes.runs.cluster import cluster
 
-    with cluster(dask) as executor:
+    with cluster(dask, shared) as executor:
+        if not executor.shares_files:
+            click.echo(
+                f"note: {dask}: not all workers can read {shared}; their tasks return their files at their end, so the "
+                "work of a killed one is lost",
+                err=True,
+            )
         yield executor
 
 

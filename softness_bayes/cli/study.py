@@ -86,7 +86,7 @@ def study(
     with (
         counting(len(listed), "table", "fitting") as show,
         keeping(lambda: hint),
-        executor_of(dask) as executor,
+        executor_of(dask, out) as executor,
     ):
         fitted = fit(
             tables,

@@ -93,8 +93,9 @@ def laplace(table: Table, given: Given, start: FloatArray | None = None) -> Lapl
             trial[down] = 0.5 * (trial[down] + point[down])
             if up.size:
                 point[up], best[up] = trial[up], value[risen]
-                every = risen.all()
-                new = _step(table, *(one if every else one.part(risen) for one in (part, sums)), point[up])
+                if not risen.all():
+                    part, sums = part.part(risen), sums.part(risen)
+                new = _step(table, part, sums, point[up])
                 step = new if step is None else step.replaced(up, new)
                 trial[up] += new.change
                 active = np.sort(np.concatenate([up[~(new.size <= SETTLED)], down]))

@@ -99,7 +99,8 @@ class RowLaw:
         """Return the probability below each exact number, or below each interval plus half its own; without lapses."""
         ends = self._ends()
         tails = (self._tail(end, np.exp(self._log_density(end))) for end in ends)
-        return 0.5 * sum(np.where(end < 0.0, tail, 1.0 - tail) for end, tail in zip(ends, tails, strict=True))
+        low, high = (np.where(end < 0.0, tail, 1.0 - tail) for end, tail in zip(ends, tails, strict=True))
+        return np.asarray(0.5 * (low + high))
 
     def scores(self, share: FloatArray) -> FloatArray:
         """Return normal scores of the rows, (..., rows); an interval's is taken at a given `share` of its probability.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import pickle
+import secrets
 import socket
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -13,7 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from softness_bayes.base.errors import InputError, WorkersLostError
+from softness_bayes.base.files.outputs import require_directory
 from softness_bayes.base.files.records import parse_json
+from softness_bayes.base.files.whole import write_whole
 from softness_bayes.checking.provenance import VERSION, versions
 
 if TYPE_CHECKING:
@@ -35,6 +38,8 @@ class Worker(NamedTuple):
     """State of one worker, as reported by it."""
 
     versions: Mapping[str, str]
+    shares: bool
+    """True if it sees the client's directory."""
     threads: int
 
 
@@ -47,9 +52,13 @@ class Cluster(Executor):
     ----------
     client
         A client of the cluster.
+    shares_files
+        Whether all workers see the directory in which this process writes.
     """
 
-    def __init__(self, client: Client) -> None:
+    def __init__(self, client: Client, shares_files: bool = True) -> None:
+        self.shares_files = shares_files
+        """True if tasks can write to the directory of this process; otherwise they return their files."""
         self._client, self._executor, self._versions = client, client.get_executor(pure=False), versions()
 
     def share(self, value: Any) -> Any:
@@ -69,13 +78,16 @@ class Cluster(Executor):
 
 
 @contextmanager
-def cluster(scheduler: str) -> Iterator[Cluster]:
+def cluster(scheduler: str, directory: Path | None = None) -> Iterator[Cluster]:
     """Connect to a running cluster.
 
     Parameters
     ----------
     scheduler
         Address of its scheduler, such as ``tcp://10.0.0.1:8786``, or path of its scheduler file.
+    directory
+        Directory in which tasks write their files if all workers share it with this process (`Cluster.shares_files`);
+        None if they write none.
 
     Raises
     ------
@@ -110,13 +122,19 @@ def cluster(scheduler: str) -> Iterator[Cluster]:
             f"{scheduler}: no scheduler answers there ({why}); 'dask scheduler' starts one and prints its address"
         ) from None
     with client:
-        require_workers(scheduler, reports(client))
+        found = reports(client, directory)
+        require_workers(scheduler, found)
         try:
-            yield Cluster(client)
+            yield Cluster(client, not strangers(found))
         except KilledWorker as error:
             raise WorkersLostError(f"workers of the cluster died repeatedly at the same task: {error}") from None
         except (CancelledError, CommClosedError) as error:
             raise WorkersLostError(f"the cluster was lost ({error or 'its scheduler ended'})") from None
+
+
+def strangers(found: Mapping[str, Worker | BaseException]) -> list[str]:
+    """Return the addresses of the workers that do not see the client's directory."""
+    return [address for address, one in found.items() if isinstance(one, Worker) and not one.shares]
 
 
 def require_workers(scheduler: str, found: Mapping[str, Worker | BaseException], most: int = 3) -> None:
@@ -170,22 +188,46 @@ def _knock(address: str) -> None:
         pass
 
 
-def reports(client: Client) -> dict[str, Worker | BaseException]:
-    """Return the report of every worker, or the error raised instead; those that died meanwhile are left out."""
-    with suppress(TimeoutError):
-        client.wait_for_workers(1, timeout=JOINING)
-    answers, threads = client.run(versions, on_error="return"), client.nthreads()
+def reports(client: Client, directory: Path | None) -> dict[str, Worker | BaseException]:
+    """Return the report of every worker, or the error raised instead; those that died meanwhile are left out.
+
+    Whether workers see the directory is tested by a file in it, or in the folder in which it will be made.
+    """
+    token, path = secrets.token_hex(8), None
+    if directory is not None:
+        require_directory(directory)
+        path = next(place for place in (directory, *directory.parents) if place.is_dir()).resolve() / f".shared-{token}"
+        write_whole(path, token.encode("ascii"))
+    try:
+        with suppress(TimeoutError):
+            client.wait_for_workers(1, timeout=JOINING)
+        answers = client.run(_report, None if path is None else str(path), token, on_error="return")
+    finally:
+        if path is not None:
+            path.unlink(missing_ok=True)
+    threads = client.nthreads()
     found: dict[str, Worker | BaseException] = {
-        address: one if isinstance(one, BaseException) else Worker(one, threads.get(address, 1))
+        address: one if isinstance(one, BaseException) else Worker(one[0], one[1], threads.get(address, 1))
         for address, one in answers.items()
         if not isinstance(one, OSError)  # a worker that cannot be reached gets no tasks until it returns
     }
-    if found:  # the scheduler also unpickles the tasks
+    if found:  # the scheduler, which also unpickles the tasks, needs no directory and runs none
         try:
-            found[SCHEDULER] = Worker(client.run_on_scheduler(versions), 1)
+            found[SCHEDULER] = Worker(client.run_on_scheduler(versions), True, 1)
         except Exception as error:
             found[SCHEDULER] = error
     return found
+
+
+def _report(path: str | None, token: str) -> tuple[dict[str, str], bool]:
+    """Return the versions of a worker, and whether it sees the file of the client, if there is one."""
+    seen = token
+    if path is not None:
+        try:
+            seen = Path(path).read_text(encoding="ascii")
+        except OSError:
+            seen = ""
+    return versions(), seen == token
 
 
 def _on_worker(expected: Mapping[str, str], work: Callable[..., Result], *task: Any, **named: Any) -> Result:

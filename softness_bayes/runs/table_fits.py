@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import tempfile
+import time
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
@@ -17,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softness_bayes.base.errors import ResourceError, SoftnessError
+from softness_bayes.base.errors import LockedError, ResourceError, SoftnessError
 from softness_bayes.base.files.lock import Lock
 from softness_bayes.base.files.run_files import CHECKPOINT, LOCK, POSTERIOR
 from softness_bayes.base.files.whole import is_part, write_whole
@@ -29,10 +30,13 @@ from softness_bayes.runs.identity import identity
 from softness_bayes.runs.run import model_of, sample_kept
 from softness_bayes.runs.saved import Status, read_status, saved_states
 from softness_bayes.sampler.diagnostics import Verdict
-from softness_bayes.sampler.workers import Workers
+from softness_bayes.sampler.workers import Workers, shares_files
 
 CONVERGED, UNCONVERGED, REFUSED = "converged", "not converged", "refused"
 """Possible outcomes of a table."""
+
+WAIT = 1.0
+"""Time [s] between two checks of a directory in use by another process."""
 
 
 class TableOutcome(NamedTuple):
@@ -60,8 +64,11 @@ class Fit(NamedTuple):
     directory: str
     """Directory of the run on the client."""
     kept: Kept | None
+    patient: bool = False
+    """True to wait for another process in the directory to end: on a cluster it may be a task that is still running
+    although its client was killed."""
     files: bytes | None = None
-    """Archive of the files of the run (`packed`), for a worker on another machine."""
+    """Archive of the files of the run (`packed`), for a worker that does not share the directory."""
 
 
 def fit_tables(
@@ -90,14 +97,15 @@ def fit_tables(
         Executor of the workers, if there is one.
     """
     tasks = []
+    home = runs if executor is None else runs.resolve()
     for name, data in tables.items():
-        fit = Fit(name, data, str(runs / name), kept.get(name))
-        if executor is not None:  # its workers may be on other machines, which do not see the directory
+        fit = Fit(name, data, str(home / name), kept.get(name), executor is not None and shares_files(executor))
+        if not shares_files(executor):
             try:
-                if not _needs_steps(runs / name, request):
+                if not _needs_steps(home / name, request):
                     yield fit_table(request, fit)[0]
                     continue
-                fit = fit._replace(files=packed(runs / name))
+                fit = fit._replace(files=packed(home / name))
             except SoftnessError as error:
                 yield TableOutcome(name, REFUSED, str(error))
                 continue
@@ -113,18 +121,27 @@ def fit_table(request: Request, fit: Fit) -> tuple[TableOutcome, bytes]:
     Returns
     -------
     tuple
-        The outcome, and the archive of the files if the task brought one.
+        The outcome, and the archive of the files if the worker does not share the directory.
     """
+    if fit.files is None:
+        return _outcome(request, fit, Path(fit.directory)), b""
     with tempfile.TemporaryDirectory() as place:
-        home = Path(fit.directory) if fit.files is None else Path(place) / fit.table
-        unpack(fit.files or b"", home)
+        home = Path(place) / fit.table
+        unpack(fit.files, home)
+        outcome = _outcome(request, fit, home)
+        return outcome._replace(said=outcome.said.replace(str(home), fit.directory)), packed(home)
+
+
+def _outcome(request: Request, fit: Fit, directory: Path) -> TableOutcome:
+    while True:
         try:
-            outcome = _fitted(request, fit, home)
+            return _fitted(request, fit, directory)
         except ResourceError:
             raise
         except SoftnessError as error:
-            outcome = TableOutcome(fit.table, REFUSED, str(error).replace(str(home), fit.directory))
-        return outcome, b"" if fit.files is None else packed(home)
+            if not (fit.patient and isinstance(error, LockedError)):
+                return TableOutcome(fit.table, REFUSED, str(error))
+            time.sleep(WAIT)
 
 
 def _fitted(request: Request, fit: Fit, directory: Path) -> TableOutcome:

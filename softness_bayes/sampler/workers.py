@@ -52,6 +52,14 @@ def available_processors() -> int:
     return os.cpu_count() or 1
 
 
+def shares_files(executor: Executor | None) -> bool:
+    """Return whether the workers of an executor see the files of this process.
+
+    They do unless the executor has an attribute `shares_files` that is False.
+    """
+    return bool(getattr(executor, "shares_files", True))
+
+
 def require_guard() -> None:
     """Raise an error in a script that new processes cannot import without starting its work again.
 

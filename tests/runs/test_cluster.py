@@ -17,7 +17,7 @@ from softness_bayes.checking.provenance import versions
 from softness_bayes.claims import TOUCHES, evaluate_claims
 from softness_bayes.claims.report import claims_table
 from softness_bayes.runs import cluster as clusters
-from softness_bayes.runs.cluster import SCHEDULER, Worker, cluster, require_workers
+from softness_bayes.runs.cluster import SCHEDULER, Worker, cluster, require_workers, strangers
 from softness_bayes.runs.rank_table import RANKS, read_replicates
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.readings import NAMED_READINGS
@@ -124,7 +124,7 @@ def test_claims_on_an_executor():
 
 # clusters that cannot be used
 
-GOOD = Worker(versions(), 1)
+GOOD = Worker(versions(), True, 1)
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,7 @@ GOOD = Worker(versions(), 1)
         ({"tcp://b": GOOD._replace(versions={**versions(), "version_numpy": "1.0"})}, "b has numpy 1.0"),
         ({"tcp://b": ModuleNotFoundError("softness_bayes")}, "b cannot run softness-bayes"),
         ({"tcp://a": GOOD._replace(threads=4)}, "a has 4 threads"),
-        ({SCHEDULER: Worker({}, 1), "tcp://a": GOOD}, "the scheduler itself has python None"),
+        ({SCHEDULER: Worker({}, True, 1), "tcp://a": GOOD}, "the scheduler itself has python None"),
         ({f"tcp://{k}": GOOD._replace(threads=2) for k in range(5)}, "and 2 more"),
     ],
 )
@@ -145,6 +145,9 @@ def test_workers_that_are_refused(found, said):
 
 def test_workers_that_are_not_refused():
     require_workers("tcp://s", {"tcp://a": GOOD, "tcp://b": GOOD})
+    apart = {"tcp://a": GOOD, "tcp://b": GOOD._replace(shares=False)}
+    require_workers("tcp://s", apart)
+    assert strangers(apart) == ["tcp://b"]
 
 
 def test_without_dask(monkeypatch):

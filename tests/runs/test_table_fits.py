@@ -1,4 +1,4 @@
-"""Studies on workers that may not share the directory: the same draws, and nothing is lost."""
+"""Studies on workers that do not share the directory: the same draws, and nothing is lost."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -20,6 +20,12 @@ LIMITED = {"max_steps": 60, "processes": 1, "seed": 4}
 FORCES = "participant,indentation_mm,force_n\n" + "".join(
     f"{who},{mm},{mm * (0.2 + 0.01 * k)}\n" for k, who in enumerate("AB") for mm in (0.5, 1.0, 1.5)
 )
+
+
+class Elsewhere(ThreadPoolExecutor):
+    """An executor whose workers are said not to share the directory."""
+
+    shares_files = False
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -45,7 +51,7 @@ def draws(directory):
 
 
 def there(tables, directory, **options):
-    with ThreadPoolExecutor(2) as executor:
+    with Elsewhere(2) as executor:
         return study(tables, directory, OPTIONS, **{**LIMITED, **options}, executor=executor)
 
 
