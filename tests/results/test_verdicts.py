@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softness_bayes.results.ranking import REASONS, WORDS, decided_sentence, verdicts
+from softness_bayes.results.ranking import REASONS, decided_sentence, verdicts
 
 NONE = np.full((3, 3), np.nan)
 SURE = np.array([[0.0, 0.99, 0.99], [0.01, 0.0, 0.99], [0.01, 0.01, 0.0]])
@@ -45,8 +45,3 @@ def test_nothing_rests_on_a_rejected_chain():
     assert decided_sentence(because(reason)).startswith(
         "0 of 3 pairs of fabrics are decided; 3 pairs are not: 3 because the chain"
     )
-
-
-def test_words_follow_the_scale():
-    assert (WORDS["softest"][0], WORDS["hardest"]) == ("softer", ("harder", "softer"))
-    assert "highest rated" not in WORDS  # such fabrics are rated higher, or lower
