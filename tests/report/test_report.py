@@ -9,6 +9,7 @@ import re
 import shlex
 from dataclasses import fields, replace
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -322,13 +323,16 @@ def repeated(command, monkeypatch, directory):
     """Return the data files and options that a printed command amounts to."""
     caught = []
 
-    def run(checkpoint, files, data, request, figures, verbose):
-        caught.append((files, request))
+    def compiled(data, options):
+        return SimpleNamespace(options=options, posterior=SimpleNamespace(space=SimpleNamespace(sampled=("b",))))
+
+    def run(checkpoint, files, model, run, figures, verbose):
+        caught.append((files, Request(model.options, run)))
 
     monkeypatch.setattr(sample, "_run", run)
     # there are no data to look at
     monkeypatch.setattr(DataFiles, "read", lambda files: None)
-    monkeypatch.setattr(sample, "_evaluated", lambda data, options: False)
+    monkeypatch.setattr(sample, "_compiled", compiled)
     monkeypatch.chdir(directory)
     program, *words = shlex.split(command)
     assert program == "softness-bayes"

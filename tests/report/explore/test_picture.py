@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.laws import HalfNormal, LogNormal, Normal, Uniform
+from softness_bayes.base.ranges import Range
 from softness_bayes.data import Fabrics
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.prediction import OtherTouches
@@ -66,7 +67,7 @@ def test_spans_hold_the_central_98_percent_and_the_start():
     assert (span.logarithmic, span.unit) == (True, "kPa")
     assert span.value(span.place(37.125)) == pytest.approx(37.125, rel=1e-4)
     assert span_of(PARAMETERS["b"], 1000.0).high == 1000.0
-    assert span_of(replace(PARAMETERS["alpha"].up_to(60.0), prior=LogNormal(50, 0.5)), 50.0).high == 60.0
+    assert span_of(replace(PARAMETERS["alpha"], range=Range(1e-6, 60.0), prior=LogNormal(50, 0.5)), 50.0).high == 60.0
     linear = span_of(replace(PARAMETERS["b"], prior=Uniform(10.0, 20.0)), 15.0)
     assert (linear.logarithmic, linear.low, linear.high) == (False, 10.1, 19.9)
     assert not span_of(replace(PARAMETERS["tau"], prior=HalfNormal(1)), 0.7).logarithmic
