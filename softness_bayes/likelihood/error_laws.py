@@ -5,8 +5,10 @@ Lapses are observations that do not depend on the touch; their own distribution 
 A law is a frozen value. Its methods take errors in units of their spread, shape (..., rows), and the model's
 parameters of batch shape (...).
 
-Student's distribution function is slow. Mills' ratio r of the probability beyond u > 0 and the density there is close
-to (1 + u²/nu) / (u + 1/r(0)), and what it differs by is smooth in nu^-1/2 and u / (u + 1): a series in both.
+Distribution functions are slow. Mills' ratio r of the probability beyond u > 0 and the density there is smooth, and the
+density is known. That of the normal law is a quotient of polynomials; that of Student's law is close to
+(1 + u²/nu) / (u + 1/r(0)), and what it differs by is smooth in nu^-1/2 and u / (u + 1): a series in both. Both keep the
+precision of their arguments, single or double.
 """
 
 from __future__ import annotations
@@ -19,9 +21,9 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
-from numpy.polynomial import Polynomial, chebyshev
+from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
-from scipy.special import betaln, ndtr, ndtri_exp
+from scipy.special import betaln, ndtri_exp
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.laws import LOG_TWO_PI
@@ -38,7 +40,13 @@ LEAST_FREEDOM = 0.5
 """Smallest degrees of freedom of the series."""
 
 _ORDERS = 30, 16  # numbers of terms in nu^-1/2 and in u / (u + 1)
+_FARTHEST = 100.0  # error beyond which the normal density is 0 in double precision
 _LARGE = 100.0  # degrees of freedom beyond which rounding of 1 + u²/nu would matter
+# Hart et al., Computer Approximations (1968), no. 5666: the normal law's ratio, from the highest power down
+_NUMERATOR = 3.52624965998911e-2, 0.700383064443688, 6.37396220353165, 33.912866078383, 112.079291497871
+_NUMERATOR += 221.213596169931, 220.206867912376
+_DENOMINATOR = 8.83883476483184e-2, 1.75566716318264, 16.064177579207, 86.7807322029461, 296.564248779674
+_DENOMINATOR += 637.333633378831, 793.826512519948, 440.413735824752
 
 
 @dataclass(frozen=True)
@@ -80,7 +88,7 @@ class ErrorLaw:
 
     def tail(self, errors: FloatArray, density: FloatArray, parameters: Any) -> FloatArray:
         """Return the probability beyond the absolute values of errors on one side, given the density there."""
-        return np.asarray(ndtr(-np.abs(errors)))
+        return density * normal_tail_ratio(errors)
 
     def log_density(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return the log density of errors."""
@@ -88,7 +96,7 @@ class ErrorLaw:
 
     def slopes(self, errors: FloatArray, parameters: Any) -> tuple[FloatArray, FloatArray]:
         """Return the first two derivatives of `log_density` with respect to the error."""
-        return -errors, np.full(1, -1.0)
+        return -errors, np.full(1, -1.0, errors.dtype)
 
 
 @dataclass(frozen=True)
@@ -132,10 +140,26 @@ class GumbelLaw(ErrorLaw):
         return (rng.gumbel(size=shape) - np.euler_gamma) / GUMBEL_SD
 
 
+def normal_tail_ratio(u: FloatArray) -> FloatArray:
+    """Return the normal probability beyond abs(u) on one side, divided by exp(-u²/2) / sqrt(2 pi).
+
+    Its relative error is at most 1e-10 below 5 and 1e-5 beyond.
+    """
+    size = np.minimum(np.abs(u), _FARTHEST)
+    above, below = np.full_like(size, _NUMERATOR[0]), np.full_like(size, _DENOMINATOR[0])
+    for found, coefficients in ((above, _NUMERATOR), (below, _DENOMINATOR)):
+        for coefficient in coefficients[1:]:
+            found *= size
+            found += coefficient
+    above *= math.sqrt(2.0 * math.pi)
+    above /= below
+    return above
+
+
 def student_log_density(u: FloatArray, nu: FloatArray) -> FloatArray:
     """Return the log density at `u`, which is broadcast with `nu`."""
     different, place = _different(nu)
-    constant = -betaln(0.5 * different, 0.5) - 0.5 * np.log(different)
+    constant = (-betaln(0.5 * different, 0.5) - 0.5 * np.log(different)).astype(u.dtype)
     squares = u * u / nu
     # not all processors have vector instructions for log1p; where nu is small the rounding of 1 + u²/nu is harmless
     logs = np.log1p(squares) if different.max(initial=0.0) > _LARGE else np.log(squares + 1.0)
@@ -149,17 +173,12 @@ def student_tail_ratio(u: FloatArray, nu: FloatArray) -> FloatArray:
     """
     different, place = _different(nu)
     angle = np.arccos(2.0 * np.sqrt(np.minimum(LEAST_FREEDOM / different, 1.0)) - 1.0)
-    series = (np.cos(angle[:, None] * np.arange(_ORDERS[0])) @ _coefficients()).T
+    series = (np.cos(angle[:, None] * np.arange(_ORDERS[0])) @ _coefficients()).T.astype(u.dtype)
     size = np.abs(u)
     share = size / (size + 1.0)
-    found = np.broadcast_to(series[-1][place], size.shape).copy()
-    for coefficient in series[-2::-1]:
-        found *= share
-        found += coefficient[place]
-    found *= share
-    found += 1.0
+    found = 1.0 + share * chebyshev.chebval(2.0 * share - 1.0, series[:, place], tensor=False)
     found *= 1.0 + size * (size / nu)
-    found /= size + _density_at_zero(different)[place]
+    found /= size + _density_at_zero(different).astype(u.dtype)[place]
     return found
 
 
@@ -177,7 +196,7 @@ def _different(nu: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
 
 @cache
 def _coefficients() -> FloatArray:
-    """Return the coefficients of the series: Chebyshev in nu^-1/2, monomial in the share, shape (orders of each)."""
+    """Return the Chebyshev coefficients of the series in nu^-1/2 and in the share, shape (orders of each)."""
     x, y = (np.cos(np.pi * (np.arange(size) + 0.5) / size) for size in _ORDERS)
     share, nu = 0.5 * (1.0 + y), LEAST_FREEDOM * (2.0 / (1.0 + x))[:, None] ** 2
     u = share / (1.0 - share)
@@ -186,13 +205,11 @@ def _coefficients() -> FloatArray:
     fall = np.log1p((2.0 * u + beyond) * beyond / (nu + u * u))
     ratio = step * (np.exp(-0.5 * (nu + 1.0) * fall) * beyond).sum(axis=0)
     table = (ratio * (u + _density_at_zero(nu)) / (1.0 + u * u / nu) - 1.0) / share
-    by_share = chebyshev.chebfit(y, chebyshev.chebfit(x, table, x.size - 1).T, y.size - 1).T
-    # from Chebyshev polynomials of 2 share - 1 to powers of the share
-    return np.array([Polynomial(chebyshev.cheb2poly(row))(Polynomial([-1.0, 2.0])).coef for row in by_share])
+    return np.asarray(chebyshev.chebfit(y, chebyshev.chebfit(x, table, x.size - 1).T, y.size - 1).T)
 
 
 def _nu(parameters: Any) -> FloatArray:
-    return np.maximum(np.asarray(parameters.nu, float), LEAST_FREEDOM)[..., None]
+    return np.asarray(np.maximum(parameters.nu, LEAST_FREEDOM))[..., None]
 
 
 NORMAL = ErrorLaw("normal", "normal")

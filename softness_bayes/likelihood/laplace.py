@@ -86,7 +86,7 @@ def laplace(table: Table, given: Given, start: FloatArray | None = None) -> Lapl
             sums = table.sums(part, table.effects(part, trial[active]))
             value = sums.value.reshape(active.size, -1).sum(axis=-1) - 0.5 * (trial[active] ** 2).sum(axis=-1)
             # where a spread or the density has overflowed or underflowed there is no rise
-            risen = np.isfinite(value) & (value >= best[active] - 1e-9 * np.abs(value))
+            risen = np.isfinite(value) & (value >= best[active] - 1e-6 * np.abs(value))
             if step is None:
                 risen[:] = True
             up, down = active[risen], active[~risen]

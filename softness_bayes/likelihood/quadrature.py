@@ -437,7 +437,7 @@ class Integrals:
 
     def _law(self, given: Given, start: FloatArray | None = None) -> Laplace:
         """Return Laplace's approximation, in blocks of draws."""
-        every = pieces(len(given.drive), self.table.rater.size, BLOCK)
+        every = pieces(len(given.drive), self.table.rater.size, 2 * BLOCK)  # rows have single precision
         parts = (laplace(self.table, given.part(k), None if start is None else start[k]) for k in every)
         return Laplace(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 

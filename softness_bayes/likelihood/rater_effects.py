@@ -239,7 +239,7 @@ class Table:
         expected, c, spread = self.expectations(given, effects)
         noise, some = given.tau_varsigma is not None, self.different
         of_some = expected[:, some], spread if spread.shape[-1] == 1 else spread[:, some]
-        terms = RowLaw(self.law, given.rows.take(some), *of_some, given.law_parameters).terms(noise)
+        terms = RowLaw(self.law, given.rows.take(some), *of_some, given.law_parameters, np.float32).terms(noise)
         if not isinstance(self.equal, slice):
             terms = RowTerms._make(None if values is None else values[:, self.equal] for values in terms)
         add, mean, bend = self._summing(given), terms.of_mean, terms.of_mean2
@@ -294,11 +294,12 @@ class Table:
     def _summing(self, given: Given) -> Any:
         """Return a function that adds rows (draws, rows) by rater, or by rater and fabric if fabrics deviate."""
         if given.omega is None:
-            return lambda values: np.add.reduceat(values, self.first, axis=-1)
+            return lambda values: np.add.reduceat(values, self.first, axis=-1, dtype=float)
 
         def by_cell(values: FloatArray) -> FloatArray:
             found = np.zeros((len(values), self.n_raters * self.n_fabrics))
-            found[:, self._cells] = np.add.reduceat(values[:, self._by_fabric], self._first_of_cell, axis=-1)
+            ordered = values[:, self._by_fabric]
+            found[:, self._cells] = np.add.reduceat(ordered, self._first_of_cell, axis=-1, dtype=float)
             return found.reshape(len(values), self.n_raters, self.n_fabrics)
 
         return by_cell

@@ -1,12 +1,19 @@
-"""Student's t law against SciPy and the normal law."""
+"""Tails of the normal and of Student's law against SciPy's, and Student's law against the normal one."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.special import erfcx
 from scipy.stats import norm, t
 
 from softness_bayes.likelihood.contract import Parameters
-from softness_bayes.likelihood.error_laws import LEAST_FREEDOM, STUDENT, student_log_density, student_tail_ratio
+from softness_bayes.likelihood.error_laws import (
+    LEAST_FREEDOM,
+    STUDENT,
+    normal_tail_ratio,
+    student_log_density,
+    student_tail_ratio,
+)
 
 ERRORS = np.concatenate([np.linspace(-9.0, 9.0, 181), [-40.0, 33.0, 1e3]])
 
@@ -24,6 +31,15 @@ def test_tails_are_those_of_scipy(nu):
     assert_allclose(found, expected, rtol=5e-7, atol=1e-300)
     near = u[1:] < 5.0
     assert_allclose(-np.diff(found)[near], -np.diff(expected)[near], rtol=5e-6)
+
+
+def test_normal_tails_are_those_of_scipy():
+    u = np.linspace(0.0, 40.0, 4001)
+    found, expected = normal_tail_ratio(u), np.sqrt(np.pi / 2.0) * erfcx(u / np.sqrt(2.0))
+    assert_allclose(found[u < 5.0], expected[u < 5.0], rtol=1e-10)
+    assert_allclose(found, expected, rtol=1e-5)
+    assert_allclose(normal_tail_ratio(u.astype(np.float32)), found, rtol=1e-6)
+    assert np.isfinite(normal_tail_ratio(np.array([1e15, -1e15]))).all()
 
 
 @pytest.mark.parametrize("nu", [LEAST_FREEDOM, 0.8, 1.0, 2.0, 4.4, 12.0, 99.0])
