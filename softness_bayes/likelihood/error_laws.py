@@ -176,7 +176,12 @@ def student_tail_ratio(u: FloatArray, nu: FloatArray) -> FloatArray:
     series = (np.cos(angle[:, None] * np.arange(_ORDERS[0])) @ _coefficients()).T.astype(u.dtype)
     size = np.abs(u)
     share = size / (size + 1.0)
-    found = 1.0 + share * chebyshev.chebval(2.0 * share - 1.0, series[:, place], tensor=False)
+    found, x = np.broadcast_to(series[-1][place], size.shape).copy(), 2.0 * share - 1.0
+    for coefficient in series[-2::-1]:
+        found *= x
+        found += coefficient[place]
+    found *= share
+    found += 1.0
     found *= 1.0 + size * (size / nu)
     found /= size + _density_at_zero(different).astype(u.dtype)[place]
     return found
@@ -196,7 +201,7 @@ def _different(nu: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
 
 @cache
 def _coefficients() -> FloatArray:
-    """Return the Chebyshev coefficients of the series in nu^-1/2 and in the share, shape (orders of each)."""
+    """Return the coefficients: Chebyshev in nu^-1/2, powers of 2 share - 1, shape (orders of each)."""
     x, y = (np.cos(np.pi * (np.arange(size) + 0.5) / size) for size in _ORDERS)
     share, nu = 0.5 * (1.0 + y), LEAST_FREEDOM * (2.0 / (1.0 + x))[:, None] ** 2
     u = share / (1.0 - share)
@@ -205,7 +210,8 @@ def _coefficients() -> FloatArray:
     fall = np.log1p((2.0 * u + beyond) * beyond / (nu + u * u))
     ratio = step * (np.exp(-0.5 * (nu + 1.0) * fall) * beyond).sum(axis=0)
     table = (ratio * (u + _density_at_zero(nu)) / (1.0 + u * u / nu) - 1.0) / share
-    return np.asarray(chebyshev.chebfit(y, chebyshev.chebfit(x, table, x.size - 1).T, y.size - 1).T)
+    by_share = chebyshev.chebfit(y, chebyshev.chebfit(x, table, x.size - 1).T, y.size - 1).T
+    return np.array([chebyshev.cheb2poly(row) for row in by_share])  # on -1 to 1 powers lose few digits
 
 
 def _nu(parameters: Any) -> FloatArray:

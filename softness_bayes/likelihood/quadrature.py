@@ -37,9 +37,9 @@ from softness_bayes.likelihood.pieces import BLOCK, backward, cholesky, forward,
 from softness_bayes.likelihood.rater_effects import Given, Points, Table
 from softness_bayes.likelihood.row_laws import RowLaw
 
-SPACING = 1.0
+SPACING = 1.2
 """Spacing of nodes, in standard deviations of the narrowest density that they may have to resolve."""
-REACH = 6.5
+REACH = 5.2
 """Distance of the outermost nodes from the mode, in standard deviations of the widest density."""
 MOST_NODES = 3000
 """Most nodes of a rater's scale or of the level."""
