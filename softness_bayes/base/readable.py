@@ -129,6 +129,17 @@ def with_error(value: Any, error: Any, unit: str = "") -> str:
     return f"{number(value)}{f' ± {number(error, 1)}' if math.isfinite(error) else ''}{unit}"
 
 
+def interval(row: Any, name: str) -> str:
+    """Return the number of a row under a name with its limits, under NAME_low and NAME_high.
+
+    Examples
+    --------
+    >>> interval({"b": 81.23, "b_low": 70.0, "b_high": 95.5}, "b")
+    '81.2 (70 to 95.5)'
+    """
+    return f"{number(row[name])} ({number(row[f'{name}_low'])} to {number(row[f'{name}_high'])})"
+
+
 def sentence(text: str) -> str:
     """Return a text with a capital and one period.
 

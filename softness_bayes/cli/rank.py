@@ -11,7 +11,7 @@ from softness_bayes.base.defaults import ANSWER_DRAWS, SEED
 from softness_bayes.base.files.run_files import FABRIC_RATINGS
 from softness_bayes.base.options import Number
 from softness_bayes.base.ranges import ANY
-from softness_bayes.base.readable import chance, number, percent, some_of
+from softness_bayes.base.readable import chance, interval, number, percent, some_of
 from softness_bayes.cli.options import Directory, Force, Loads, Seed, TableFile, Touches, TrustCode, Words, command
 from softness_bayes.cli.running import rated_run, warn_of_cautions
 
@@ -178,7 +178,7 @@ def _nearest(result: Result, load: str, rating: float) -> str:
         return ""
     own = table[table["load"] == load].sort_values("people")
     around = [*own[own["people"] <= rating].tail(1).iterrows(), *own[own["people"] > rating].head(1).iterrows()]
-    each = [f"{row['fabric']} {_interval(row, 'people')}" for _, row in around]
+    each = [f"{row['fabric']} {interval(row, 'people')}" for _, row in around]
     return f"; people themselves rated {' and '.join(each)}"
 
 
@@ -196,11 +196,7 @@ def _reach(rows: pd.DataFrame) -> str:
     }
     ways = []
     for _, row in rows.iterrows():
-        values = [f"{noun} {_interval(row, name)} {unit}" for name, (noun, unit) in sought.items() if name in rows]
+        values = [f"{noun} {interval(row, name)} {unit}" for name, (noun, unit) in sought.items() if name in rows]
         share, change = percent(row["p_solution"]), row["with_modulus"]
         ways.append(f"{', '.join(values)}, where the rating {change} with the modulus, in {share} of the draws")
     return f"{reach}: {'; or '.join(ways)}"
-
-
-def _interval(row: pd.Series, name: str) -> str:
-    return f"{number(row[name])} ({number(row[f'{name}_low'])} to {number(row[f'{name}_high'])})"

@@ -9,6 +9,7 @@ turning point nearby. The direction of ratings counts as known: of an exponent o
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -37,6 +38,7 @@ from softness_bayes.touch.contact import Force, Indentation, Load, held
 from softness_bayes.touch.scene import Scene
 
 Array = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
 
 STEPS = (2.0, 4.0, 8.0)
 """Moduli of three further fabrics, as multiples of the stiffest or fractions of the softest."""
@@ -296,9 +298,9 @@ class _Foresight:
         log_after = self._log_place(small, theta.reshape(-1, theta.shape[-1])).reshape(*theta.shape[:2], -1)
         turns = np.isfinite(log_before).mean(axis=0)
         count = np.isfinite(log_after).sum(axis=1)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            width = np.where(count >= 0.5 * PLACES, _sd(log_after, 1), np.nan)
-            place = width / _sd(log_before, 0)
+        with warnings.catch_warnings(action="ignore"):  # under some loads, few draws or none have a turning point
+            width = np.where(count >= 0.5 * PLACES, np.nanstd(log_after, axis=1, ddof=1), np.nan)
+            place = width / np.nanstd(log_before, axis=0, ddof=1)
         return tuple(map(str, loads)), turns, place, np.exp(ndtri(0.95) * width)
 
     def _log_place(self, scene: Scene, theta: Array) -> Array:
@@ -410,15 +412,3 @@ def rounding(said: Stated, additive: Callable[[Any], Array]) -> float:
     inside = (low > 0) & (high < said.end)
     widths = additive(high[inside]) - additive(low[inside])
     return float((widths**2).mean() / 12.0) if widths.size else 0.0
-
-
-def _sd(values: Array, axis: int) -> Array:
-    """Return the standard deviation of the values that are not NaN; NaN if there are fewer than two."""
-    there = np.isfinite(values)
-    count = there.sum(axis=axis)
-    mean = np.where(there, values, 0.0).sum(axis=axis) / count
-    squares = np.where(there, (values - np.expand_dims(mean, axis)) ** 2, 0.0).sum(axis=axis)
-    return np.where(count > 1, np.sqrt(squares / np.maximum(count - 1, 1)), np.nan)
-
-
-IndexArray = NDArray[np.intp]

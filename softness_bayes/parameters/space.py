@@ -128,6 +128,9 @@ def scales_of(batch: Sequence[str]) -> dict[str, str]:
 
 _REDRAWS = 1000
 
+LEAST_SHARE = 1e-3
+"""Smallest share of a prior that has to lie within the range of its parameter."""
+
 _MODULI = Range(1e-12, 1e15, "kPa")
 
 LEAST_ODDS = 0.01
@@ -182,7 +185,7 @@ class ParameterSpace:
         if not self.sampled:
             raise InputError(
                 "all parameters are fixed, so there is nothing to sample: free one. 'softness-bayes sample' "
-                "with all of them fixed, or softness_bayes.runs.evaluation.evaluate in Python, evaluates the "
+                "with all of them fixed, or softness_bayes.runs.evaluation.Evaluation in Python, evaluates the "
                 "model at that point"
             )
 
@@ -358,13 +361,11 @@ class ParameterSpace:
 
 
 def _draw(parameter: Parameter, rng: np.random.Generator, size: int) -> FloatArray:
-    values = parameter.prior.draw(rng, size)
-    for _ in range(_REDRAWS):
-        beyond = np.flatnonzero(values >= parameter.largest)
-        if not beyond.size:
-            return values
-        values[beyond] = parameter.prior.draw(rng, beyond.size)
-    raise InputError(
-        f"prior of {parameter.name}: {parameter.prior} lies beyond {parameter.largest:g} {parameter.unit}, the "
-        "range of the model"
-    )
+    """Return draws of a prior below the largest value of the parameter."""
+    below = float(parameter.prior.cumulative(parameter.largest))
+    if below < LEAST_SHARE:
+        raise InputError(
+            f"prior of {parameter.name}: {parameter.prior} lies beyond {parameter.largest:g} {parameter.unit}, the "
+            "range of the model"
+        )
+    return parameter.prior.quantile(below * rng.uniform(np.finfo(float).tiny, 1.0, size))

@@ -25,6 +25,7 @@ from softness_bayes.model.interpretation import Interpretation, interpret
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.people.answers import Answers, SingleAnswers, Terms, answers_of, told_pairs
+from softness_bayes.sampler.starts import climb
 from softness_bayes.touch.load_groups import groups_of
 
 Array = NDArray[np.float64]
@@ -38,10 +39,6 @@ SHARES, MOST_LAPSES = frozenset({"lapse", "guess"}), 0.5
 
 FARTHEST = (-7.0, 6.0)
 """Ends of the coordinates between which their mode is sought."""
-
-STEP, SMALLEST, MOST_STEPS = 0.1, 3e-3, 50
-"""Step of the differences between coordinates; last and largest number of steps towards their mode by Newton's method,
-whose error falls as the square of the last one."""
 
 
 class FreeMeans:
@@ -300,36 +297,16 @@ def _convex(bend: Array) -> Array:
 
 
 def _marginal(answers: Answers, space: _Parameters) -> tuple[Array, Array, Array]:
-    """Return the mode of the parameters' marginal density, the root of the covariance about it, and the effects there.
-
-    By Newton's method, with differences between points that are evaluated together.
-    """
-    d = len(space.names)
+    """Return the mode of the parameters' marginal density, the root of its covariance, and effects to begin from."""
     effects = np.repeat([answers.centre, 0.0], [answers.conditions, answers.raters])
-    if not d:
+    if not space.names:
         return np.zeros(0), np.zeros((0, 0)), effects
-    shift, (k, j) = STEP * np.eye(d), np.tril_indices(d)
-    offsets = np.concatenate([shift, shift[k] + shift[j]])
-    offsets = np.concatenate([np.zeros((1, d)), offsets, -offsets])
-    point, step, lowest = space.start, np.zeros(d), np.inf
-    root = np.eye(d)
-    for _ in range(MOST_STEPS):
-        found = _effects(answers, space, point + step + offsets, effects)
-        middle, (up, down) = -found.log_density[0], np.split(-found.log_density[1:], 2)
-        if not middle <= lowest:  # too far, or no further than rounding allows
-            if np.abs(step).max() < SMALLEST:
-                break
-            step *= 0.25
-            continue
-        point, lowest, effects = point + step, middle, found.mode[0]
-        bend, both = np.zeros((d, d)), up[d:] + down[d:]
-        up, down, far = up[:d], down[:d], (up[d:] - down[d:])[k == j]
-        bend[k, j] = bend[j, k] = (both - (up + down)[k] - (up + down)[j] + 2.0 * middle) / (2.0 * STEP**2)
-        slope = (8.0 * (up - down) - far) / (12.0 * STEP)
-        size, axes = np.linalg.eigh(bend)
-        root = axes / np.sqrt(np.maximum(size, 0.25))
-        step = -axes @ ((axes.T @ slope) / np.maximum(np.abs(size), 0.25))
-        step = np.clip(point + step / max(1.0, np.abs(step).max()), *FARTHEST) - point
-        if np.abs(step).max() < SMALLEST:
-            break
-    return point + step, root, effects
+
+    def log_density(points: Array) -> Array:
+        nonlocal effects
+        found = _effects(answers, space, points, effects)
+        effects = found.mode[0]  # from where the search at the next points begins
+        return found.log_density
+
+    found = climb(log_density, space.start, [FARTHEST] * len(space.names))
+    return found.point, found.root, effects

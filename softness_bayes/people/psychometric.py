@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.special import bdtr, ndtr, ndtri
 
-from softness_bayes.base.readable import counted, number, percent
+from softness_bayes.base.readable import counted, interval, percent
 from softness_bayes.checking.layout import values_in
 from softness_bayes.checking.provenance import Provenance
 from softness_bayes.data.ratings import Ratings
@@ -106,10 +106,7 @@ def threshold_sentences(table: pd.DataFrame, level: float = LEVEL) -> list[str]:
     """Return a sentence on each row of `psychometric_table`."""
     said = []
     for _, row in table.iterrows():
-        each = {}
-        for name in NAMES:
-            low, middle, high = (number(row[f"{name}{end}"]) for end in ("_low", "", "_high"))
-            each[name] = f"{middle} ({low} to {high})"
+        each = {name: interval(row, name) for name in NAMES}
         at = f" at {row['load']}" if row["load"] else ""
         said.append(
             f"against {row['reference']}{at} ({counted(row['pairs'], 'pair')}): judged equal at E_fab {each['equal']} "
