@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
@@ -15,7 +14,16 @@ import pandas as pd
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.files.lock import Lock, require_free
-from softness_bayes.base.files.outputs import Survey, remove, require_outputs, survey, told, write_outputs
+from softness_bayes.base.files.outputs import (
+    Survey,
+    make,
+    remove,
+    require_outputs,
+    survey,
+    told,
+    unmake,
+    write_outputs,
+)
 from softness_bayes.base.files.records import as_json
 from softness_bayes.base.files.run_files import CHECKPOINT, FILES, LOCK, NONFINITE, RUN
 from softness_bayes.base.files.spreadsheet import csv_of
@@ -25,9 +33,6 @@ from softness_bayes.runs.identity import differences
 from softness_bayes.sampler.chains import RunState
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.sampler.target import TargetDensity
-
-INTERVAL, USUAL = 2.0, 0.1
-"""Time [s] between two writes; in proportion longer where a write takes longer than usual [s]."""
 
 
 class Checkpoint:
@@ -65,8 +70,6 @@ class Checkpoint:
         self._salvage, self.damage = salvage, ""  # damaged files and the resulting loss, as a sentence
         self._description: dict[str, str] = {}
         self._kept: tuple[int, ...] = ()  # numbers of the last two files that are whole
-        self._last, self._wait = -np.inf, INTERVAL
-        self._pending: Callable[[], None] | None = None
 
     @classmethod
     def create(
@@ -126,14 +129,12 @@ class Checkpoint:
         return checkpoint
 
     def __enter__(self) -> Self:
-        made = [place for place in (self._home, *self._home.parents) if not place.exists()]
         with ExitStack() as stack:
             try:
-                self._home.mkdir(parents=True, exist_ok=True)
+                made = make(self._home)
             except OSError as error:
                 raise InputError(f"{self.directory}: cannot be created ({error.strerror})") from None
-            for place in reversed(made):
-                stack.callback(self._remove_unused, place)
+            stack.callback(lambda: unmake(made if self._record is None else ()))
             lock = stack.enter_context(Lock(self._home / LOCK))
             stack.callback(self._vanish_unused, lock)
             if self._record is None:
@@ -192,7 +193,7 @@ class Checkpoint:
             )
 
     def keep(self, state: RunState, schedule: Settings, target: TargetDensity) -> None:
-        """Write a state, or hold it in memory if the last one was written very recently.
+        """Write a state.
 
         Parameters
         ----------
@@ -206,24 +207,17 @@ class Checkpoint:
         OSError
             If it cannot be written; the earlier state remains valid.
         """
-        self._pending = lambda: self._write(state, schedule, target)
-        now, last = time.monotonic(), self._state
-        if state.ended or last is None or state.phase != last.phase or now - self._last >= self._wait:
-            self.flush()
-
-    def flush(self) -> None:
-        """Write the state held in memory, if not yet written.
-
-        Raises
-        ------
-        OSError
-            As for `keep`.
-        """
-        if self._pending is not None:
-            write, self._pending, begun = self._pending, None, time.monotonic()
-            write()
-            self._last = time.monotonic()
-            self._wait = INTERVAL * max(1.0, (self._last - begun) / USUAL)
+        before = self._state
+        if before is None:
+            self._require_vacant()
+            remove(_earlier_run(self.directory, self._inputs))
+        self._store(state, saved.Status.of(state, schedule, self.request))
+        if state.nonfinite.count > (0 if before is None else before.nonfinite.count):
+            # the points in natural units, with the stage that failed
+            failures = state.nonfinite.failures
+            points = target.natural(np.array([one.point for one in failures]))
+            table = pd.DataFrame(points, pd.Index([one.stage for one in failures], name="stage"), target.names)
+            write_outputs(self.directory, {NONFINITE: csv_of(table)}, RUN)
 
     def finish(self) -> None:
         """Record that the results of the saved steps are written."""
@@ -244,19 +238,6 @@ class Checkpoint:
         self._record, self._state, self.damage = saved.read_last(self.directory, self._salvage)
         self._kept = (self._record.number,)
         return self._record
-
-    def _write(self, state: RunState, schedule: Settings, target: TargetDensity) -> None:
-        before = self._state
-        if before is None:
-            self._require_vacant()
-            remove(_earlier_run(self.directory, self._inputs))
-        self._store(state, saved.Status.of(state, schedule, self.request))
-        if state.nonfinite.count > (0 if before is None else before.nonfinite.count):
-            # the points in natural units, with the stage that failed
-            failures = state.nonfinite.failures
-            points = target.natural(np.array([one.point for one in failures]))
-            table = pd.DataFrame(points, pd.Index([one.stage for one in failures], name="stage"), target.names)
-            write_outputs(self.directory, {NONFINITE: csv_of(table)}, RUN)
 
     def _store(self, state: RunState, status: saved.Status) -> None:
         """Write the file of a state."""
@@ -301,11 +282,6 @@ class Checkpoint:
             instead = "'softness-bayes resume' to continue its run" if begun else "--force to replace an earlier run"
             also = ", --force to replace it" if begun else ""
             raise InputError(f"{self.directory}: is not empty; choose another --out, or {instead}{also}")
-
-    def _remove_unused(self, place: Path) -> None:
-        if self._record is None:
-            with suppress(OSError):
-                place.rmdir()
 
     def _vanish_unused(self, lock: Lock) -> None:
         if self._record is None and not saved.saved_states(self.directory):

@@ -190,15 +190,11 @@ def walked(
         begin = checkpoint.begin(identity(data, density, settings, Request(model.options, run).choices()))
         if begin is not None:
             require_density(density, begin)
-    try:
-        for state in walk(density, settings, run.seed, begin, workers):
-            if checkpoint is not None:
-                checkpoint.keep(state, settings, density)
-            if progress is not None:
-                progress(progress_of(state, settings))
-    finally:
+    for state in walk(density, settings, run.seed, begin, workers):
         if checkpoint is not None:
-            checkpoint.flush()
+            checkpoint.keep(state, settings, density)
+        if progress is not None:
+            progress(progress_of(state, settings))
     return state
 
 

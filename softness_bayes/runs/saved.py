@@ -25,7 +25,7 @@ from softness_bayes.sampler.chains import RunState, Segment
 from softness_bayes.sampler.diagnostics import Verdict
 from softness_bayes.sampler.sampling import Settings
 
-FORMAT = 6
+FORMAT = 7
 """Version of the layout; other versions are rejected."""
 
 _NAME = re.compile(r"state-([0-9]{7,})\.npz")
@@ -247,5 +247,5 @@ def _values(path: Path, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
 
 
 def _record(values: Mapping[str, Any]) -> Record:
-    known = {name: values[name] for name in Record._fields}
-    return Record(**{**known, "status": from_json(Status, values["status"])})
+    record: Record = from_json(Record, {name: values[name] for name in Record._fields})
+    return record

@@ -206,7 +206,7 @@ def _features(t: FloatArray) -> FloatArray:
     features[0] = 1.0
     for k in range(len(near)):
         _extend(features, near, k)
-    return features.T.reshape(*t.shape[:-1], -1)
+    return features.T.reshape(*t.shape[:-1], len(features))
 
 
 def _shrunk(

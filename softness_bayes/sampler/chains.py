@@ -35,16 +35,6 @@ class Segment(NamedTuple):
         coordinates, log_density, accepted = zip(*parts, strict=True)
         return Segment(np.concatenate(coordinates), np.concatenate(log_density), np.sum(accepted, axis=0))
 
-    @staticmethod
-    def after(parts: Iterable[Segment], first: int) -> list[Segment]:
-        """Return the segments of one ensemble without its first steps, as views of the arrays."""
-        left = []
-        for part in parts:
-            if first < len(part.log_density):
-                left.append(part._replace(coordinates=part.coordinates[first:], log_density=part.log_density[first:]))
-            first = max(first - len(part.log_density), 0)
-        return left
-
     def every(self, stride: int) -> Segment:
         """Return every ``stride``-th stored step, starting with step number ``stride``."""
         return Segment(self.coordinates[stride - 1 :: stride], self.log_density[stride - 1 :: stride], self.accepted)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from softness_bayes.base.defaults import STEPS_PER_TAU
 from softness_bayes.base.readable import counted, percent
 from softness_bayes.sampler.chain_statistics import (
+    Estimate,
     autocorrelation_time,
     ess_between,
     ess_bulk,
@@ -83,15 +84,6 @@ class Goal:
     burn_in: float = 5.0
 
 
-class ModeShare(NamedTuple):
-    """Share of the draws in one of several modes."""
-
-    share: float
-    """From 0 to 1."""
-    error: float
-    """Its Monte-Carlo standard error."""
-
-
 @dataclass(frozen=True)
 class Verdict:
     """Result of one convergence check.
@@ -115,8 +107,6 @@ class Verdict:
         Effective sample sizes, shape (quantities,); NaN as long as length or R-hat fails.
     ess_between
         The smaller one of bulk and tail from the differences between ensembles, shape (quantities,).
-    acceptance
-        Share of accepted proposals.
     stuck
         Number of walkers that never moved after the burn-in.
     goal
@@ -141,10 +131,9 @@ class Verdict:
     ess_bulk: FloatArray
     ess_tail: FloatArray
     ess_between: FloatArray
-    acceptance: float
     stuck: int
     goal: Goal
-    shares: tuple[ModeShare, ...] = ()
+    shares: tuple[Estimate, ...] = ()
     starts: Starts = NO_STARTS
     own: float = math.inf
 
@@ -227,7 +216,7 @@ class Verdict:
         """Describe the number of modes, and how well the search for them covers the prior."""
         climbs, hopeless, _ = self.starts
         if self.shares:
-            held = [f"{s.share:.3f} ± {s.error:.3f}" for s in self.shares if s.share > 0]
+            held = [f"{share.value:.3f} ± {share.error:.3f}" for share in self.shares if share.value > 0]
             left = len(self.shares) - len(held)
             also = (
                 f"; {left} more, found by optimisation from prior draws, contain{'s' * (left == 1)} none"
@@ -285,7 +274,6 @@ def look(
     names: tuple[str, ...],
     values: FloatArray,
     stride: int = 1,
-    acceptance: float = math.nan,
     goal: Goal = Goal(),
     inside: NDArray[np.bool_] | None = None,
     starts: Starts = NO_STARTS,
@@ -300,8 +288,6 @@ def look(
         Their stored values since the first step, shape (ensembles, stored, walkers, quantities).
     stride
         Number of steps per stored step.
-    acceptance
-        Share of accepted proposals, for the record.
     goal
         Criteria of convergence.
     inside
@@ -312,11 +298,13 @@ def look(
     """
     _, stored, walkers, _ = values.shape
     walks = np.moveaxis(values, -1, 1)
-    first = _burn_in(walks, goal)
+    late = _times(walks[:, :, stored // 2 :])
+    reach = np.where(np.isfinite(late), late, np.inf).max()
+    first = int(min(math.ceil(goal.burn_in * min(reach, stored)), stored // 2))
     walks = walks[..., first:, :]
     kept, tau, own = stored - first, _times(walks), float(own_time(walks).max())
     moved = (np.ptp(walks, axis=-2) > 0).any(axis=1)
-    shares: tuple[ModeShare, ...] = ()
+    shares: tuple[Estimate, ...] = ()
     if inside is not None:
         held = np.moveaxis(inside[:, first:], -1, 1).astype(float)
         share = held.mean(axis=(0, 2, 3))
@@ -324,7 +312,7 @@ def look(
         times = np.ones(share.size)
         times[mixed] = _times(held[:, mixed], pooled_time)
         error = np.sqrt(share * (1.0 - share) * times / held[:, 0].size)
-        shares = tuple(ModeShare(*one) for one in zip(share.tolist(), error.tolist(), strict=True))
+        shares = tuple(Estimate(*one) for one in zip(share.tolist(), error.tolist(), strict=True))
         walks, tau = np.concatenate([walks, held[:, mixed]], axis=1), np.concatenate([tau, times[mixed]])
         names = (*names, *(f"the share of mode {k + 1}" for k in mixed))
     worst, missing = int(tau.argmax()), np.full(len(names), math.nan)
@@ -344,7 +332,6 @@ def look(
         ess_bulk=missing,
         ess_tail=missing,
         ess_between=missing,
-        acceptance=acceptance,
         stuck=int((~moved).sum()),
         goal=goal,
         shares=shares,
@@ -366,11 +353,3 @@ def _times(walks: FloatArray, time: Callable[[FloatArray], FloatArray] = autocor
     The walkers of all ensembles share one mean: their times are of one chain, and known twice as well from all of them.
     """
     return np.array([float(time(np.concatenate([*walks[:, k]], axis=-1))) for k in range(walks.shape[1])])
-
-
-def _burn_in(walks: FloatArray, goal: Goal) -> int:
-    """Return how many stored steps to drop, of walks of shape (ensembles, quantities, stored, walkers)."""
-    stored = walks.shape[2]
-    late = _times(walks[:, :, stored // 2 :])
-    reach = np.where(np.isfinite(late), late, np.inf).max()
-    return int(min(math.ceil(goal.burn_in * min(reach, stored)), stored // 2))

@@ -37,8 +37,9 @@ from softness_bayes.sampler.workers import Workers, available_processors
 MANY_WALKERS = 80
 """Default number of walkers, four per dimension, is capped at this value unless the moves require more."""
 
-PATIENCE = 2.0
-"""Time [s] between reports of an ensemble, which limits the loss if the run is terminated."""
+PATIENCE, RARELY = 2.0, 20.0
+"""Time [s] between two states of a run, which limits the loss if it is terminated; longer if it is less than so many
+times as long as what is done with a state, such as writing it, takes."""
 
 APART = 0.05
 """Smallest number of steps between two checks, as a share of the run."""
@@ -50,9 +51,6 @@ A slow run of many parameters, whose neighbouring steps are nearly the same, wou
 check would take longer than the steps since the last. A thousand stored steps suffice for the autocorrelation times of
 a run that converges, whose length is at least ten of them.
 """
-
-PARTS = 4
-"""Number of possible checks per round; stored steps are thinned at the end of a round."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,8 +71,8 @@ class Settings:
     round_steps
         The first check is made after twice this number of steps, the others at multiples of a quarter of it.
     stored
-        Largest number of stored steps of an ensemble, or fewer if together they exceed `NUMBERS`; when it is exceeded,
-        every second one is dropped.
+        Largest number of stored steps of an ensemble, or fewer if together they exceed `NUMBERS`; when a check finds
+        more, every second one is dropped.
     goal
         Criteria of convergence.
     min_steps
@@ -168,26 +166,6 @@ class Settings:
         """Steps before the first convergence check."""
         return 2 * self.round_steps
 
-    def relearned(self, target: TargetDensity, state: RunState) -> RunState:
-        """Return the state from which to continue: with a new map and no draws if the last check found the run slow.
-
-        The decision is made at a scheduled check (`settle`), so that it does not depend on limits; for a run that ended
-        there, it takes effect on continuation.
-        """
-        if not state.slow:
-            return state
-        new = replace(_learn(target, state), stride=1, due=self.first_look, relearnt=state.steps)
-        return replace(new, slow=False, verdict=None)
-
-    def _is_slow(self, state: RunState, verdict: Verdict) -> bool:
-        """Return whether a run should become one more stage of the pilot."""
-        # times about individual means would not do: of walkers that hardly move, they are a tenth of the run's length
-        return (
-            0 <= state.phase - len(self.pilot) < self.relearning
-            and verdict.lengths < self.slow
-            and state.steps >= 2 * state.relearnt  # a map that is no better needs a longer run to learn from
-        )
-
     def in_pilot(self, state: RunState) -> bool:
         """Return whether a run is still in its pilot stage, whose draws are not used."""
         return state.phase < len(self.pilot)
@@ -208,34 +186,38 @@ class Settings:
             state = _learn(target, state)
         if self.in_pilot(state) or not state.steps:
             return state
-        while (
-            state.steps // state.stride > self._most_stored(state)
-            and state.steps % self._grid(state) == 0
-            and state.steps % (2 * state.stride) == 0
-        ):
-            halved = tuple((Segment.join(part).every(2),) for part in state.parts)
-            state = replace(state, parts=halved, stride=2 * state.stride)
-        if state.steps >= state.due and state.steps % self._grid(state, PARTS) == 0:
-            verdict = _look(target, state, self.goal)
-            # at least a share of the run, because a check of a long run takes longer than a few steps
-            wait = max(verdict.more_steps, math.ceil(APART * state.steps))
-            joined = tuple((Segment.join(part),) for part in state.parts)
-            due = state.steps + min(wait, state.steps)
-            state = replace(state, parts=joined, slow=self._is_slow(state, verdict), verdict=verdict, due=due)
+        if state.steps == state.due:
+            state = self._checked(target, state)
         last = state.verdict if state.verdict is not None and state.verdict.steps == state.steps else None
         if late or state.steps + state.stride > self.max_steps:
             return replace(state, ended=True, verdict=last or _look(target, state, self.goal))
         return replace(state, ended=last is not None and last.converged and state.steps >= self.min_steps)
 
+    def _checked(self, target: TargetDensity, state: RunState) -> RunState:
+        """Return the state after a scheduled check, with the step of the next one.
+
+        Whether the run is slow is decided here alone, so that it does not depend on limits.
+        """
+        at_each_step = sum(one.coordinates.size + one.log_density.size for one in state.ensembles)
+        most = min(self.stored, max(NUMBERS // at_each_step, LEAST_STORED))
+        while state.steps // state.stride > most and state.steps % (2 * state.stride) == 0:
+            halved = tuple((Segment.join(part).every(2),) for part in state.parts)
+            state = replace(state, parts=halved, stride=2 * state.stride)
+        verdict = _look(target, state, self.goal)
+        # times about individual means would not do: of walkers that hardly move, they are a tenth of the run's length
+        slow = verdict.lengths < self.slow and 0 <= state.phase - len(self.pilot) < self.relearning
+        slow = slow and state.steps >= 2 * state.relearnt  # a map that is no better needs a longer run to learn from
+        # at least a share of the run, because a check of a long run takes longer than a few steps
+        wait = min(max(verdict.more_steps, math.ceil(APART * state.steps)), state.steps)
+        quarter = -(-max(self.round_steps // 4, 1) // state.stride) * state.stride
+        due = -(-(state.steps + wait) // quarter) * quarter
+        joined = tuple((Segment.join(part),) for part in state.parts)
+        return replace(state, parts=joined, slow=slow, verdict=verdict, due=due)
+
     def next_steps(self, state: RunState, affordable: float) -> int:
         """Return the number of steps to the next state (check, limit or affordable number), in whole strides."""
-        if self.in_pilot(state):
-            most = self.pilot[state.phase] - state.steps
-        else:
-            grid, fine = self._grid(state), self._grid(state, PARTS)
-            check = fine * max(-(-state.due // fine), state.steps // fine + 1)
-            most = min(grid - state.steps % grid, check - state.steps, self.max_steps - state.steps)
-        return max(int(min(most, affordable)) // state.stride * state.stride, state.stride)
+        end = self.pilot[state.phase] if self.in_pilot(state) else min(state.due, self.max_steps)
+        return max(int(min(end - state.steps, affordable)) // state.stride * state.stride, state.stride)
 
     def missing(self, state: RunState) -> int:
         """Return an estimate of the remaining steps of a run after its pilot."""
@@ -244,15 +226,6 @@ class Settings:
         steps = 0 if self.in_pilot(state) else state.steps
         goal = state.due if state.verdict is None else state.verdict.steps + state.verdict.more_steps
         return max(min(max(goal, self.min_steps), self.max_steps) - steps, 0)
-
-    def _most_stored(self, state: RunState) -> int:
-        """Return the largest number of stored steps of an ensemble."""
-        at_each_step = sum(one.coordinates.size + one.log_density.size for one in state.ensembles)
-        return min(self.stored, max(NUMBERS // at_each_step, LEAST_STORED))
-
-    def _grid(self, state: RunState, parts: int = 1) -> int:
-        """Return the steps of a round, or of one of its equal parts, in whole strides."""
-        return -(-max(self.round_steps // parts, 1) // state.stride) * state.stride
 
 
 FIRST_LOOK = Settings().first_look
@@ -319,21 +292,25 @@ def walk(
     root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     before = begin.seconds if begin is not None else 0.0
     walkers = settings.walkers_for(len(target.names))
-    pace = math.inf  # steps per second, initially unknown
+    pace = 10.0  # steps per second, until they are known
 
     with nullcontext(workers) if workers is not None else settings.workers(target) as workers:
         state = begin or place_walkers(workers, root, settings.ensembles, walkers, settings.optima, settings.first_look)
         while True:
             spent = time.monotonic() - begun
             state = settings.settle(target, replace(state, seconds=before + spent), spent >= settings.max_seconds)
+            since = time.monotonic()
             yield state
+            patience = max(PATIENCE, RARELY * (time.monotonic() - since))
             if state.nonfinite.share > settings.failures:
                 said = state.nonfinite.sentence(target.names, target.natural)
                 raise NumericalError(f"stopped after {state.steps} steps: {said}")
             if state.ended:
                 return
-            state = settings.relearned(target, state)
-            size = settings.next_steps(state, PATIENCE * pace)
+            if state.slow:  # of a run that ended at a limit, on continuation
+                steps, state = state.steps, _learn(target, state)
+                state = replace(state, stride=1, due=settings.first_look, relearnt=steps, slow=False, verdict=None)
+            size = settings.next_steps(state, patience * pace)
             since = time.monotonic()
             state = _advance(workers, settings, state, size)
             pace = size / max(time.monotonic() - since, 1e-9)
@@ -381,9 +358,8 @@ def progress_of(state: RunState, settings: Settings) -> Progress:
 
 def _advance(workers: Workers, settings: Settings, state: RunState, steps: int) -> RunState:
     """Advance all ensembles."""
-    first = state.phase == 0 and bool(settings.pilot)
     dimension = state.ensembles[0].coordinates.shape[-1]
-    moves = settings.first_moves if first else settings.moves_for(dimension)
+    moves = settings.first_moves if state.phase == 0 and settings.pilot else settings.moves_for(dimension)
     groups = [state.ensembles[k : k + settings.together] for k in range(0, settings.ensembles, settings.together)]
     tasks = [(advance, group, steps, moves, state.map, state.stride, state.modes) for group in groups]
     walked, found = watched(workers, tasks)
@@ -402,7 +378,7 @@ def _look(target: TargetDensity, state: RunState, goal: Goal) -> Verdict:
     inside = None
     if state.modes:
         inside = labels(state.modes, chains.coordinates)[..., None] == np.arange(len(state.modes))
-    return look(names, values, chains.stride, float(chains.accepted.mean()), goal, inside, state.starts)
+    return look(names, values, chains.stride, goal, inside, state.starts)
 
 
 def _learn(target: TargetDensity, state: RunState) -> RunState:

@@ -209,9 +209,7 @@ def place_walkers(
     climbs, failed = watched(
         workers, [(find_optimum, climb, k == 0) for own in seeds for k, climb in enumerate(own[2:])]
     )
-    climbed = iter(climbs)
-    own_climbs = [[next(climbed) for _ in own[2:]] for own in seeds]
-    groups = worth_starting_from(own_climbs)
+    groups = worth_starting_from(climbs[e * optima : (e + 1) * optima] for e in range(ensembles))
     hopeful = {id(o): o for group in groups for o in group}
     (modes,), compared = watched(workers, [(separate, list(hopeful.values()))])
     maps = tuple(TriangularMap.affine(mode.point, mode.root) for mode in modes)

@@ -115,7 +115,12 @@ class Watched:
         try:
             value = np.array(self._target(z), float)
         except (ArithmeticError, np.linalg.LinAlgError):
-            value, raised = self._one_by_one(z)
+            value = np.full(len(z), np.nan)
+            for i in range(len(z)):
+                try:
+                    value[i] = self._target(z[i : i + 1])[0]
+                except (ArithmeticError, np.linalg.LinAlgError) as error:
+                    raised[i] = str(error)
         wrong = np.isnan(value) | np.isposinf(value)
         if wrong.any():
             stage = getattr(self._target, "failing_stage", lambda z: "density")
@@ -125,16 +130,6 @@ class Watched:
             value[wrong] = -np.inf
         self.found += Nonfinite(len(value))
         return value
-
-    def _one_by_one(self, z: FloatArray) -> tuple[FloatArray, dict[int, str]]:
-        """Return values at points, some of which raise errors, and the messages of these."""
-        value, raised = np.full(len(z), np.nan), dict[int, str]()
-        for i in range(len(z)):
-            try:
-                value[i] = self._target(z[i : i + 1])[0]
-            except (ArithmeticError, np.linalg.LinAlgError) as error:
-                raised[i] = str(error)
-        return value, raised
 
 
 def watching(target: TargetDensity, work: Callable[..., Value], *task: Any) -> tuple[Value, Nonfinite]:

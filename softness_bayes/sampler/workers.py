@@ -113,8 +113,7 @@ class Workers:
 
     def __init__(self, resident: Any, processes: int, executor: Executor | None = None) -> None:
         self._resident, self._processes, self._renewed = resident, processes, 0
-        self._pool: ProcessPoolExecutor | None = None
-        self._given = executor
+        self._pool, self._given, self._sent = executor, executor is not None, None
         if executor is not None:
             self._sent = executor.share(resident) if hasattr(executor, "share") else resident
         elif processes > 1:
@@ -127,7 +126,7 @@ class Workers:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._pool is None:
+        if self._pool is None or self._given:
             return
         if kind is None or issubclass(kind, Exception):
             self._pool.shutdown(wait=True, cancel_futures=True)
@@ -147,10 +146,8 @@ class Workers:
         running: dict[Future[Result], int] = {}
         with suppress(BrokenExecutor), _shielded():
             for k, task in tasks.items():
-                if self._given is not None:
-                    running[self._given.submit(_on_one_thread, work, task, self._sent)] = k
-                elif self._pool is not None:
-                    running[self._pool.submit(_on_one_thread, work, task)] = k
+                assert self._pool is not None
+                running[self._pool.submit(_on_one_thread, work, task, self._sent)] = k
         return running
 
     def _renew(self) -> None:
@@ -161,7 +158,7 @@ class Workers:
         WorkersLostError
             If this has happened too often, or a given executor has lost its workers.
         """
-        if self._given is not None:
+        if self._given:
             raise WorkersLostError("the executor lost its workers: they were killed, or memory ran out") from None
         if self._pool is None or self._renewed == RENEWALS:
             raise WorkersLostError(_DIED) from None
@@ -172,7 +169,7 @@ class Workers:
     def _finished(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Result]]:
         """Begin tasks, and return index and result of every one as it finishes; those whose process died repeat."""
         left = dict(enumerate(tasks))
-        if self._pool is None and self._given is None:
+        if self._pool is None:
             return ((k, _on_one_thread(work, task, self._resident)) for k, task in left.items())
         return self._collected(work, left, self._begun(work, left))
 
@@ -192,11 +189,11 @@ class Workers:
                     del left[k], future  # and with it the result
                     yield k, result
             except BrokenExecutor:
-                if self._given is not None:
+                if self._given:
                     self._renew()
                 running.clear()
             finally:
-                if self._given is not None:
+                if self._given:
                     for future in running:
                         future.cancel()
 

@@ -46,10 +46,9 @@ def begin(directory, *more):
     program = (
         # a shell that runs the tests in the background has interrupts ignored, by its children too
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-        "from softness_bayes.cli import main; from softness_bayes.runs import checkpoint; "
+        "from softness_bayes.cli import main; "
         f"import sys; sys.path.append({str(ROOT / 'tests')!r}); "
         "from support.report_runs import quickly; made = quickly(); made.__enter__(); "
-        "checkpoint.INTERVAL = 0; "
         "main(prog_name='softness-bayes')"
     )
     arguments = ["sample", "--data", directory / "ratings.csv", "--out", directory / "out", *ASKED, *more]

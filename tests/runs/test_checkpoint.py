@@ -50,12 +50,6 @@ def states():
     return found
 
 
-@pytest.fixture
-def eager(monkeypatch):
-    """Write every state at once."""
-    monkeypatch.setattr(storage, "INTERVAL", 0.0)
-
-
 def keep(directory, kept, target=None):
     """Keep states in a new checkpoint."""
     target = target or posterior_of_the_fake()
@@ -89,13 +83,11 @@ def killed_at_random(directory, times, pause, steps):
     return list(follow(directory, steps))[-1]
 
 
-@pytest.mark.usefixtures("eager")
 def test_a_run_killed_twice_draws_what_an_uninterrupted_one_draws(tmp_path, states):
     same(killed_at_random(tmp_path / "run", 2, 0.002, STEPS), states[-1])
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("eager")
 def test_a_run_killed_fifty_times_draws_what_an_uninterrupted_one_draws(tmp_path):
     end = list(walk(posterior_of_the_fake(), settings(2500), SEED))[-1]
     same(killed_at_random(tmp_path / "run", 50, 0.003, 2500), end)
@@ -123,37 +115,6 @@ def alive(number):
         return Path(f"/proc/{number}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     except FileNotFoundError:
         return False
-
-
-# writing rarely
-
-
-def test_writes_wait(tmp_path, states):
-    target = posterior_of_the_fake()
-    with Checkpoint.create(tmp_path) as checkpoint:
-        checkpoint.begin(WHAT)
-        main = [s for s in states if s.phase == 2 and not s.ended]
-        for state in main:
-            checkpoint.keep(state, settings(STEPS), target)
-        assert checkpoint.status.steps == 0  # the first was written, the others wait
-        checkpoint.flush()
-        assert checkpoint.status.steps == main[-1].steps
-    same(load(tmp_path), main[-1])
-
-
-def test_slow_writes_are_rarer(tmp_path, states, monkeypatch):
-    """A state is written again after twenty times as long as the last one took."""
-    now, write = [0.0], storage.write_whole
-    monkeypatch.setattr(storage.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(storage, "write_whole", lambda *what: (write(*what), now.__setitem__(0, now[0] + 1.0)))
-    main, written = [s for s in states if s.phase == 2 and not s.ended], []
-    with Checkpoint.create(tmp_path) as checkpoint:
-        checkpoint.begin(WHAT)
-        for state in main[:4]:
-            checkpoint.keep(state, settings(STEPS), posterior_of_the_fake())
-            written.append(checkpoint.status.steps)
-            now[0] += 8.0
-    assert written == [main[k].steps for k in (0, 0, 0, 3)]
 
 
 def test_where_the_density_failed_is_kept_beside_the_results(tmp_path, states):
@@ -210,7 +171,6 @@ def test_a_lock_is_held_once_and_asking_leaves_no_trace(tmp_path):
 # what is refused, and what is left
 
 
-@pytest.mark.usefixtures("eager")
 def test_a_run_that_was_begun_with_something_else_is_refused_by_name(tmp_path, states):
     keep(tmp_path, states[:4])
     with pytest.raises(InputError, match=r"begun with model the fake scene \(now another\); continue it"):
@@ -227,7 +187,6 @@ def flipped(content, rng):
     return bytes(found)
 
 
-@pytest.mark.usefixtures("eager")
 def test_no_flipped_bit_of_a_checkpoint_is_taken_for_the_run(tmp_path, states, rng):
     keep(tmp_path, states[:6])
     path = state_path(tmp_path, saved_states(tmp_path)[-1])
@@ -258,7 +217,6 @@ def test_a_run_that_keeps_nothing_leaves_nothing(tmp_path):
         read_status(tmp_path / "nowhere")
 
 
-@pytest.mark.usefixtures("eager")
 def test_an_earlier_run_goes_when_the_new_one_has_begun(tmp_path, states):
     keep(tmp_path, states[:4])
     write_outputs(tmp_path, {"posterior.nc": b"old"}, "sample")
@@ -287,7 +245,6 @@ def test_an_interrupt_before_the_first_state_leaves_nothing(tmp_path):
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.usefixtures("eager")
 def test_no_room_for_the_first_state_leaves_nothing(tmp_path, states, monkeypatch):
 
     def full(path, content):
@@ -306,7 +263,6 @@ def test_no_room_for_the_first_state_leaves_nothing(tmp_path, states, monkeypatc
     assert len([*(tmp_path / "run" / "checkpoint").iterdir()]) == 2
 
 
-@pytest.mark.usefixtures("eager")
 def test_the_status_is_what_was_kept(tmp_path, states):
     keep(tmp_path, states[:1])
     assert read_status(tmp_path).piloting

@@ -3,7 +3,6 @@
 import pytest
 
 from softness_bayes.base.errors import InputError
-from softness_bayes.runs import checkpoint as storage
 from softness_bayes.runs.checkpoint import Checkpoint
 from softness_bayes.sampler.sampling import walk
 from support.faults import named
@@ -19,9 +18,8 @@ def states():
 
 
 @pytest.fixture
-def run(tmp_path, states, monkeypatch):
+def run(tmp_path, states):
     """A directory with every state of the run but the last."""
-    monkeypatch.setattr(storage, "INTERVAL", 0.0)
     with Checkpoint.create(tmp_path / "run") as checkpoint:
         checkpoint.begin(WHAT)
         for state in states[:-1]:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from softness_bayes.base.errors import SoftnessError
-from softness_bayes.runs import checkpoint as storage
 from softness_bayes.runs.saved import saved_states
 from softness_bayes.sampler.sampling import walk
 from support.faults import STOPS, Killed, named, read_back, spoilt, stopped, written
@@ -20,16 +19,8 @@ def states():
     return list(walk(fake_posterior(), settings(STEPS), SEED))
 
 
-@pytest.fixture(scope="module", autouse=True)
-def eager():
-    """Write every state at once."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(storage, "INTERVAL", 0.0)
-        yield
-
-
 @pytest.fixture(scope="module")
-def run(tmp_path_factory, states, eager):
+def run(tmp_path_factory, states):
     """A directory with all states but the last."""
     directory = tmp_path_factory.mktemp("faults") / "run"
     written(directory, states[:-1], STEPS)

@@ -160,3 +160,9 @@ def test_a_long_walk_gives_the_map_of_a_part_of_it(rng):
     assert_allclose(np.cov(y, rowvar=False), np.eye(2), atol=0.03)
     whole = TriangularMap.fit(x.reshape(-1, 2), 8000.0)
     assert_allclose(y, whole.inverse(x.reshape(-1, 2)), atol=0.2)
+
+
+def test_no_points_have_no_images():
+    """As of a mode that no walker chooses in a step."""
+    map = TriangularMap.identity(3)
+    assert map.inverse(map.forward(np.zeros((0, 3)))).shape == (0, 3)

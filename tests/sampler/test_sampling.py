@@ -113,8 +113,8 @@ def test_limits_end_a_run_that_has_not_converged():
     chains, verdict = sample_until(Target(normal), SHORT, 1)
     assert not verdict.converged
     assert (verdict.steps, chains.steps, chains.coordinates.shape) == (40, 40, (2, 40, 12, 2))
-    hurried = Settings(**{**vars(SHORT), "max_seconds": 0.0})
-    assert sample_until(Target(normal), hurried, 1).verdict.steps == 20
+    hurried = replace(SHORT, max_steps=400, max_seconds=0.0)
+    assert sample_until(Target(normal), hurried, 1).verdict.steps == hurried.first_look
 
 
 @pytest.mark.parametrize(("numbers", "least"), [(100 * 2 * 12 * 3, 1), (1, 100)])
@@ -158,6 +158,7 @@ def test_a_run_that_reached_a_limit_goes_on_as_if_there_had_been_none():
 def test_a_slow_machine_reports_more_often_and_draws_the_same(monkeypatch):
     quick = [*walk(Target(normal), limited(max_steps=150), 4)]
     monkeypatch.setattr(sampling, "PATIENCE", 0.0)
+    monkeypatch.setattr(sampling, "RARELY", 0.0)
     slow = [*walk(Target(normal), limited(max_steps=150), 4)]
     assert len(slow) > 5 * len(quick)
     np.testing.assert_array_equal(slow[-1].chains.coordinates, quick[-1].chains.coordinates)
@@ -183,7 +184,9 @@ def bent(z):
     return -0.5 * (x / 5) ** 2 - 0.5 * ((y - 0.02 * x**2) / 0.02) ** 2
 
 
-def test_a_slow_walk_becomes_one_more_stage_of_the_pilot():
+def test_a_slow_walk_becomes_one_more_stage_of_the_pilot(monkeypatch):
+    monkeypatch.setattr(sampling, "PATIENCE", 1e-3)
+    monkeypatch.setattr(sampling, "RARELY", 0.0)
     settings = Settings(ensembles=2, walkers=12, pilot=(4,), round_steps=50, max_steps=800, processes=1)
     states = [*walk(Target(bent), settings, 1)]
     assert 1 < states[-1].phase <= 1 + settings.relearning

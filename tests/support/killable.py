@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from softness_bayes.runs import checkpoint as storage
 from softness_bayes.runs.checkpoint import Checkpoint
 from softness_bayes.runs.saved import saved_states
 from softness_bayes.sampler.diagnostics import Goal
@@ -55,7 +54,6 @@ def follow(directory, steps, processes=1, pause=0.0):
     with Checkpoint.open(directory) if begun else Checkpoint.create(directory) as checkpoint:
         for state in walk(posterior, chosen, SEED, checkpoint.begin(WHAT)):
             checkpoint.keep(state, chosen, posterior)
-            checkpoint.flush()
             yield state
 
 
@@ -85,7 +83,6 @@ def same(one, other):
 
 
 if __name__ == "__main__":
-    storage.INTERVAL = 0.0
     directory, steps, processes, pause = sys.argv[1:]
     states = follow(directory, int(steps), int(processes), float(pause))
     next(states)
