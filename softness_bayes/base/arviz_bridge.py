@@ -1,8 +1,8 @@
 """Interface to ArviZ 0.23 and 1.x, and files that both versions can read.
 
 A result is an `xarray.DataTree` whose children are the groups. It is written and read by xarray alone, so that a file
-does not depend on the installed version of ArviZ; `for_arviz` converts it to the type that this version expects. ArviZ
-and xarray are imported inside the functions, because they take seconds and most commands do not need them.
+does not depend on the installed version of ArviZ. ArviZ and xarray are imported inside the functions, because they take
+seconds and most commands do not need them.
 """
 
 from __future__ import annotations
@@ -65,17 +65,9 @@ def ess_bulk(chains: ArrayLike) -> float:
     return float(_arviz().ess(_chains(chains))) if _enough(chains) else math.nan
 
 
-def mcse_mean(chains: ArrayLike) -> float:
-    """Return the Monte-Carlo standard error of the mean of an array (chains, draws); NaN as for `ess_bulk`."""
-    return float(_arviz().mcse(_chains(chains), method="mean")) if _enough(chains) else math.nan
-
-
-def mcse_sd(chains: ArrayLike) -> float:
-    """Return the Monte-Carlo standard error of the standard deviation of an array (chains, draws).
-
-    NaN as for `ess_bulk`.
-    """
-    return float(_arviz().mcse(_chains(chains), method="sd")) if _enough(chains) else math.nan
+def mcse(chains: ArrayLike, of: str) -> float:
+    """Return the Monte-Carlo standard error of the mean or the sd of an array (chains, draws), or NaN as `ess_bulk`."""
+    return float(_arviz().mcse(_chains(chains), method=of)) if _enough(chains) else math.nan
 
 
 def hdi(draws: ArrayLike, probability: float) -> tuple[float, float]:
@@ -222,14 +214,6 @@ def read_netcdf(path: str | os.PathLike[str]) -> xarray.DataTree:
         attributes = {name: value[0] if np.ndim(value) else value for name, value in attributes.items()}
         groups["/"] = xarray.Dataset(attrs=attributes)
     return xarray.DataTree.from_dict(groups)
-
-
-def for_arviz(tree: xarray.DataTree) -> Any:
-    """Return a result in the type of the installed ArviZ: InferenceData (0.23) or the tree itself (1.x)."""
-    if _next_line():
-        return tree
-    groups = {name: child.to_dataset() for name, child in tree.children.items()}
-    return _arviz().InferenceData(attrs=dict(tree.attrs), **groups)
 
 
 def _enough(chains: ArrayLike) -> bool:

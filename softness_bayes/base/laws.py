@@ -104,6 +104,11 @@ SD_LOGS = Range(LEAST_WIDTH, 5.0)
 """Standard deviations of the logarithm of a log-normal law; 5 is a factor of 150 up or down."""
 
 
+def _middle(law: Law) -> float:
+    """Median of the law."""
+    return float(law.quantile(0.5))
+
+
 class Standardised(Law):
     """A law of x = location + scale u, or location exp(scale u), where u has a standard law cut to the support.
 
@@ -180,15 +185,11 @@ class Normal(Standardised):
     mean: float
     sd: float
     support: ClassVar[tuple[float, float]] = (-math.inf, math.inf)
+    median = property(_middle)
 
     def __post_init__(self) -> None:
         require_finite(self)
         require(self, "sd", self.sd > LEAST_WIDTH * abs(self.mean), f"a number above {LEAST_WIDTH * abs(self.mean):g}")
-
-    @property
-    def median(self) -> float:
-        """The mean."""
-        return self.mean
 
     def standard(self) -> tuple[float, float]:
         """Return mean and standard deviation."""
@@ -207,15 +208,11 @@ class HalfNormal(Standardised):
 
     scale: float
     support: ClassVar[tuple[float, float]] = (0.0, math.inf)
+    median = property(_middle)
 
     def __post_init__(self) -> None:
         require_finite(self)
         require(self, "scale", self.scale > 0, "a positive number")
-
-    @property
-    def median(self) -> float:
-        """0.6745 times the scale."""
-        return float(self.quantile(0.5))
 
     def standard(self) -> tuple[float, float]:
         """Return 0 and the scale."""
@@ -235,6 +232,7 @@ class Uniform(Standardised):
     low: float
     high: float
     uniform: ClassVar[bool] = True
+    median = property(_middle)
 
     def __post_init__(self) -> None:
         require_finite(self)
@@ -246,11 +244,6 @@ class Uniform(Standardised):
     def support(self) -> tuple[float, float]:
         """The bounds."""
         return self.low, self.high
-
-    @property
-    def median(self) -> float:
-        """Midway between the bounds."""
-        return 0.5 * (self.low + self.high)
 
     def standard(self) -> tuple[float, float]:
         """Return the lower bound and the width."""
@@ -271,6 +264,7 @@ class LogUniform(Standardised):
     high: float
     logarithmic: ClassVar[bool] = True
     uniform: ClassVar[bool] = True
+    median = property(_middle)
 
     def __post_init__(self) -> None:
         require_finite(self)
@@ -282,11 +276,6 @@ class LogUniform(Standardised):
     def support(self) -> tuple[float, float]:
         """The bounds."""
         return self.low, self.high
-
-    @property
-    def median(self) -> float:
-        """The geometric mean of the bounds."""
-        return math.sqrt(self.low) * math.sqrt(self.high)
 
     def standard(self) -> tuple[float, float]:
         """Return the lower bound and the width of the logarithm."""

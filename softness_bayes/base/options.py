@@ -208,14 +208,17 @@ class Names(Kind):
         return ",".join(value)
 
 
-def as_given(name: str, value: Any) -> Any:
-    """Return the value of a name as it was given."""
-    return value
-
-
 def as_number(name: str, value: Any) -> Any:
     """Return the value of a name as a number; a text must be a finite one."""
-    return finite(value) if isinstance(value, str) else value
+    if not isinstance(value, str):
+        return value
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise InputError(f"expected a finite number, got {value!r}")
+    return number
 
 
 class ByName(Kind):
@@ -242,7 +245,7 @@ class ByName(Kind):
         self,
         metavar: str = "NAME=VALUE",
         such_as: str = "a mapping, as in {'rating': 'softness'}",
-        value: Callable[[str, Any], Any] = as_given,
+        value: Callable[[str, Any], Any] = lambda name, value: value,
         check: Callable[[Any], Any] = dict,
         complete: Callable[[str], Iterable[str]] = lambda incomplete: (),
         of: str = "",
@@ -469,20 +472,3 @@ class Options:
             if one.flag and (one.spelled or value != one.default)
             for word in one.words(value)
         ]
-
-
-def finite(text: str) -> float:
-    """Return a text as a finite number.
-
-    Raises
-    ------
-    InputError
-        If the text is not one.
-    """
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"expected a finite number, got {text!r}")
-    return value

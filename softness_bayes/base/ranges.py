@@ -58,7 +58,8 @@ class Range:
             With name, value and range.
         """
         if not self.holds(value):
-            raise InputError(f"{name} is {_written(value)}, expected {self}")
+            given = value if isinstance(value, Real) else f"{value!r:.60}"
+            raise InputError(f"{name} is {given}, expected {self}")
 
     def __str__(self) -> str:
         unit = f" {self.unit}" if self.unit not in ("", "–") else ""
@@ -139,7 +140,7 @@ def numbers(what: str, value: Any, such_as: str = "numbers") -> NDArray[np.float
             return np.asarray(value, float)
     except (TypeError, ValueError):
         pass
-    raise InputError(_told(what, value, such_as))
+    refuse(what, value, such_as)
 
 
 def refuse(what: str, value: object, such_as: str) -> NoReturn:
@@ -150,15 +151,7 @@ def refuse(what: str, value: object, such_as: str) -> NoReturn:
     InputError
         With name, value and what was expected.
     """
-    raise InputError(_told(what, value, such_as))
-
-
-def _told(what: str, value: object, such_as: str) -> str:
-    return f"{what}: expected {such_as}, got {value!r:.60} ({type(value).__name__})"
-
-
-def _written(value: object) -> str:
-    return str(value) if isinstance(value, Real) else f"{value!r:.60}"
+    raise InputError(f"{what}: expected {such_as}, got {value!r:.60} ({type(value).__name__})")
 
 
 PARTICIPANTS = Count(1, 10_000)

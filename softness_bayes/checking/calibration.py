@@ -144,12 +144,20 @@ class Calibration:
     @property
     def least_width(self) -> float:
         """Smallest factor of a too narrow posterior that these replicates detect nine times in ten."""
-        return least_fault(len(self.rank) - self.exchangeable, self.draws, self.threshold, "width")
+        return self._least("width", 1.0)
 
     @property
     def least_shift(self) -> float:
         """Smallest shift of a posterior, in its standard deviations, that is detected as often."""
-        return least_fault(len(self.rank) - self.exchangeable, self.draws, self.threshold, "shift")
+        return self._least("shift", 0.0)
+
+    def _least(self, kind: str, none: float) -> float:
+        """Return the smallest fault of a kind, as for `rank_law`, that is detected as often; infinite if none is."""
+
+        def lacks(fault: float) -> float:
+            return POWER - power(len(self.rank) - self.exchangeable, self.draws, self.threshold, **{kind: fault})
+
+        return math.inf if lacks(10.0) > 0.0 else float(brentq(lacks, none, 10.0, xtol=1e-3))
 
     @property
     def enough(self) -> bool:
@@ -235,19 +243,6 @@ def power(size: int, draws: int, threshold: float, width: float = 1.0, shift: fl
     limits = squares.mean() / freedom * chdtri(freedom, np.array([1.0 - 0.5 * threshold, 0.5 * threshold]))
     spread = ndtr((limits[0] - mean) / sd) + ndtr((mean - limits[1]) / sd)
     return float(max(spread, (counts.cdf(below - 1) + counts.sf(above)).max()))
-
-
-def least_fault(size: int, draws: int, threshold: float, kind: str) -> float:
-    """Return the smallest fault of a kind, width or shift as for `rank_law`, that raises the alarm as `POWER` asks.
-
-    Infinite if none does.
-    """
-    low, high = {"width": (1.0, 10.0), "shift": (0.0, 10.0)}[kind]
-
-    def lacks(fault: float) -> float:
-        return POWER - power(size, draws, threshold, **{kind: fault})
-
-    return math.inf if lacks(high) > 0.0 else float(brentq(lacks, low, high, xtol=1e-3))
 
 
 def verdict(calibration: Calibration, size: str, decided: bool) -> str:

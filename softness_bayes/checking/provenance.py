@@ -10,7 +10,7 @@ import platform
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields, replace
 from importlib.metadata import version
-from typing import Any, Generic, NamedTuple, TypeVar, get_origin, get_type_hints
+from typing import Any, Generic, NamedTuple, TypeVar, get_type_hints
 
 import numpy as np
 from scipy.special import chdtrc
@@ -428,8 +428,7 @@ def _restored(kind: Any, stored: Any) -> Any:
         return None if stored == NOT_ASKED else float(stored)
     if isinstance(kind, type):
         return kind(stored)
-    values = parse_json(str(stored))
-    return from_json(kind, values) if get_origin(kind) is tuple else values
+    return from_json(kind, parse_json(str(stored)))
 
 
 _NAMED = {RatingDirection: direction_named, Scale: scale_named}

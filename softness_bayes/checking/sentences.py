@@ -341,7 +341,9 @@ def information_sentences(summary: pd.DataFrame) -> list[str]:
         "weakly identified (posteriors nearly as wide as the priors)": width > INFORMED,
     }
     near = ~width.index.isin(surprises(summary).index)
-    lines += [f"{words}: {_listed(width[there & near], '{:.2g}') or 'none'}" for words, there in groups.items()]
+    for words, there in groups.items():
+        named = ", ".join(f"{name} {value:.2g}" for name, value in width[there & near].items())
+        lines.append(f"{words}: {named or 'none'}")
     pull = summary["psens_prior"][width <= INFORMED]
     error = 2.0 * summary["psens_prior_mcse"].reindex(pull.index).fillna(0.0)
     moved, unclear = pull > SENSITIVE + error, (pull - SENSITIVE).abs() <= error
@@ -379,10 +381,6 @@ def surprise_sentence(summary: pd.DataFrame) -> str:
 def only_noisy(summary: pd.DataFrame) -> bool:
     """Return whether the spread of ratings is all that is far from its prior: no error of the chain's input shows."""
     return [*surprises(summary).index] == ["varsigma"]
-
-
-def _listed(values: pd.Series, form: str) -> str:
-    return ", ".join(f"{name} {form.format(value)}" for name, value in values.items())
 
 
 def direction_sentences(directions: pd.DataFrame) -> list[str]:

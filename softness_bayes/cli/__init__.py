@@ -105,7 +105,11 @@ class VerbGroup(click.Group):
             except SystemExit as end:
                 if not out.lost:
                     raise
-                failed = not end.code and _prints(sys.argv[1:] if args is None else args)
+                words = sys.argv[1:] if args is None else args
+                verb = next((word for word in words if word in VERBS), None)
+                to_file = any(word.partition("=")[0] == "--out" for word in words)
+                printed = verb is None or "--help" in words or "-h" in words or (verb in PRINTING and not to_file)
+                failed = not end.code and printed
                 lost = f"standard output: {out.lost}; the printed output is incomplete"
                 click.echo(f"{'error' if failed else 'warning'}: {lost}", err=True)
                 if failed:
@@ -154,14 +158,6 @@ def _reads(words: Sequence[str]) -> bool:
     except (SoftnessError, OSError, click.ClickException):
         return False
     return not any("looks wrong" in note for note in read.notes)
-
-
-def _prints(words: Sequence[str]) -> bool:
-    """Return True if a command line prints its result instead of writing files."""
-    verb = next((word for word in words if word in VERBS), None)
-    helped = verb is None or "--help" in words or "-h" in words
-    to_file = any(word.partition("=")[0] == "--out" for word in words)
-    return helped or (verb in PRINTING and not to_file)
 
 
 @click.group(cls=VerbGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})

@@ -69,7 +69,8 @@ def guarded(last: bool) -> Iterator[None]:
             _end(number)  # a second signal ends the process at once
         received.append(number)
         # errors that the interrupt causes in a callback or another thread are not shown
-        sys.unraisablehook = threading.excepthook = _quiet
+        sys.unraisablehook = lambda *_: None
+        threading.excepthook = lambda *_: None
         timers.append(threading.Timer(GRACE, _end, [number]))
         timers[0].daemon = True
         timers[0].start()
@@ -130,10 +131,6 @@ def workers() -> set[int]:
             if parent == os.getpid() and b"multiprocessing.spawn" in (path / "cmdline").read_bytes():
                 found.add(int(path.name))
     return found
-
-
-def _quiet(*_: object) -> None:
-    pass
 
 
 def _clean() -> None:

@@ -71,7 +71,6 @@ def study(
     from softness_bayes.base.files.run_files import RUNS
     from softness_bayes.data.lists import list_tables
     from softness_bayes.runs.study import study as fit
-    from softness_bayes.runs.table_fits import Kept
 
     listed = list_tables(source)
     if len(listed) < 2:
@@ -81,7 +80,7 @@ def study(
         for one in listed
     }
     tables, refused = _read(files_of)
-    kept = {name: Kept(files_of[name].record_in(out / RUNS / name), figures) for name in tables}
+    kept = {name: {"files": files_of[name].record_in(out / RUNS / name), "figures": figures} for name in tables}
     hint = f"finished fits, and all steps of the others, are saved in {out}: the same command continues"
     with (
         counting(len(listed), "table", "fitting") as show,

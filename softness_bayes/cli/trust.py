@@ -206,7 +206,7 @@ def calibrate(
         if finished:
             calibrated = running.finished(problem, replicates, out)
         else:
-            calibrated = running.replicated(problem, run, replicates, out, tell, executor, from_)
+            calibrated = running.calibrate(problem, None, run, replicates, out, tell, None, executor, from_)
     _report(calibrated, out)
     if calibrated.calibration.faults():
         raise NumericalError("not calibrated: see the verdict above")

@@ -53,8 +53,8 @@ def summarise(names: Sequence[str], values: FloatArray, hdi_probability: float =
             "ess_bulk": arviz_bridge.ess_bulk(chains),
             "ess_tail": tails[k],
             "r_hat": r_hats[k],
-            "mcse_mean": arviz_bridge.mcse_mean(chains),
-            "mcse_sd": arviz_bridge.mcse_sd(chains),
+            "mcse_mean": arviz_bridge.mcse(chains, "mean"),
+            "mcse_sd": arviz_bridge.mcse(chains, "sd"),
         }
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
 

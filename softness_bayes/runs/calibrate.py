@@ -133,7 +133,7 @@ class Problem(NamedTuple):
 
 
 def calibrate(
-    of: CalibrationScene | Result,
+    of: CalibrationScene | Result | Problem,
     options: ModelOptions | None,
     run: RunOptions,
     count: int,
@@ -156,7 +156,8 @@ def calibrate(
         Design of the ratings, with parameters drawn from the prior. Or a run on ratings that has converged, to
         calibrate the inference in the region of its posterior (posterior SBC): each replicate draws parameters from the
         run's posterior, and simulates ratings of new raters in its design: with its missing cells, loads and
-        observation model. The model is fitted to the run's ratings and the simulated ones together.
+        observation model. The model is fitted to the run's ratings and the simulated ones together. Or a problem made
+        of either, whose model and settings it has.
     options
         Choices of the model; None for those of a run, or the usual ones.
     run
@@ -183,11 +184,44 @@ def calibrate(
     LockedError
         If another process is calibrating there.
     """
-    if isinstance(of, Result):
+    if isinstance(of, Problem):
+        problem = of
+    elif isinstance(of, Result):
         problem = posterior_problem(of, run, settings)
     else:
         problem = prior_problem(of, options or ModelOptions(), run, settings)
-    return replicated(problem, run, count, directory, progress, executor, earlier)
+    ranges.REPLICATES.require("calibration: number of replicates", count)
+    rank_table.require_alike(directory, problem.manifest)
+    require_outputs(
+        directory,
+        (rank_table.RANKS, rank_table.COVERAGE, rank_table.VERDICT, f"{rank_table.FIGURE}.png"),
+        rank_table.CALIBRATE,
+    )
+    directory.mkdir(parents=True, exist_ok=True)
+    with batch(directory):
+        if not (directory / rank_table.MANIFEST).exists():
+            manifest = as_json(problem.manifest, rank_table.MANIFEST, indent=1) + "\n"
+            write_whole(directory / rank_table.MANIFEST, manifest.encode())
+        done = rank_table.read_replicates(directory)
+        if earlier is not None:
+
+            def redraw(index: int) -> dict[str, float]:
+                return true_values(problem.posterior, run.seed, index, problem.truths)
+
+            done |= rank_table.earlier_replicates(earlier, problem.manifest, redraw, done)
+            rank_table.write_replicates(directory, done)
+        missing = [index for index in range(count) if index not in done]
+        before = count - len(missing)
+        write_asked(directory, count, before)
+        processes = min(run.processes or available_processors(), max(len(missing), 1))
+        with Workers(problem, processes, executor) as workers:
+            tasks = [(run.seed, index) for index in missing]
+            for finished, (index, one) in enumerate(workers.as_finished(_run, tasks), before + 1):
+                done[index] = one
+                rank_table.write_replicates(directory, done)
+                if progress is not None:
+                    progress(finished, one)
+    return rank_table.Calibrated({index: done[index] for index in range(count)})
 
 
 def prior_problem(
@@ -231,50 +265,6 @@ def replicate_settings(run: RunOptions, posterior: Posterior) -> Settings:
     dimension = len(posterior.names)
     walkers = max(min(WALKERS * dimension, MOST_WALKERS), REPLICATE.walkers_for(dimension))
     return replace(REPLICATE, walkers=walkers, max_steps=run.max_steps)
-
-
-def replicated(
-    problem: Problem,
-    run: RunOptions,
-    count: int,
-    directory: Path,
-    progress: Report | None = None,
-    executor: Executor | None = None,
-    earlier: Path | None = None,
-) -> rank_table.Calibrated:
-    """Run the replicates of a problem that are missing in a directory; arguments and errors as for `calibrate`."""
-    ranges.REPLICATES.require("calibration: number of replicates", count)
-    rank_table.require_alike(directory, problem.manifest)
-    require_outputs(
-        directory,
-        (rank_table.RANKS, rank_table.COVERAGE, rank_table.VERDICT, f"{rank_table.FIGURE}.png"),
-        rank_table.CALIBRATE,
-    )
-    directory.mkdir(parents=True, exist_ok=True)
-    with batch(directory):
-        if not (directory / rank_table.MANIFEST).exists():
-            manifest = as_json(problem.manifest, rank_table.MANIFEST, indent=1) + "\n"
-            write_whole(directory / rank_table.MANIFEST, manifest.encode())
-        done = rank_table.read_replicates(directory)
-        if earlier is not None:
-
-            def redraw(index: int) -> dict[str, float]:
-                return true_values(problem.posterior, run.seed, index, problem.truths)
-
-            done |= rank_table.earlier_replicates(earlier, problem.manifest, redraw, done)
-            rank_table.write_replicates(directory, done)
-        missing = [index for index in range(count) if index not in done]
-        before = count - len(missing)
-        write_asked(directory, count, before)
-        processes = min(run.processes or available_processors(), max(len(missing), 1))
-        with Workers(problem, processes, executor) as workers:
-            tasks = [(run.seed, index) for index in missing]
-            for finished, (index, one) in enumerate(workers.as_finished(_run, tasks), before + 1):
-                done[index] = one
-                rank_table.write_replicates(directory, done)
-                if progress is not None:
-                    progress(finished, one)
-    return rank_table.Calibrated({index: done[index] for index in range(count)})
 
 
 def _run(problem: Problem, seed: int, index: int) -> tuple[int, Replicate]:

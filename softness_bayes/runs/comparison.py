@@ -123,8 +123,6 @@ def compare(
         If there are fewer than two results, one has no ratings, or they are of different data or scales; or the unit to
         leave out is unknown.
     """
-    from softness_bayes.results.result import Result
-
     require_mapping("results", results, "{'hertz': result, 'attenuated': other}")
     for label, result in results.items():
         require_kind(f"results: {label}", result, Result, "a Result, as returned by sample or Result.load")

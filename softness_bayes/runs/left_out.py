@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +76,8 @@ def _by_rating(result: Result, _: Refits) -> LeftOut:
     if not result.scale.answer:
         return _stored(result, "log_likelihood", "rating")
     fitted = Fitted(result, _WEIGHTED)
-    return leave_by_weights(fitted.posterior.observation.log_likelihood_answers(*_at_draws(fitted)))
+    at = fitted.posterior.response(fitted.theta), fitted.posterior.rating_parameters(fitted.theta)
+    return leave_by_weights(fitted.posterior.observation.log_likelihood_answers(*at))
 
 
 def _by_response(result: Result, _: Refits) -> LeftOut:
@@ -89,11 +90,6 @@ def _by_response(result: Result, _: Refits) -> LeftOut:
 def _stored(result: Result, group: str, name: str) -> LeftOut:
     values = result.group(group)[name].values
     return leave_by_weights(values.reshape(-1, values.shape[-1]))
-
-
-def _at_draws(fitted: Fitted) -> tuple[Array, Any]:
-    """Return mean rates and rating parameters at the draws to be weighted, in one batch."""
-    return fitted.posterior.response(fitted.theta), fitted.posterior.rating_parameters(fitted.theta)
 
 
 def _by_fabric(result: Result, refits: Refits) -> LeftOut:
@@ -111,7 +107,8 @@ def _by_condition(result: Result, refits: Refits) -> LeftOut:
     ratings = fitted.model.data.ratings
     group, pairs = ratings.conditions.of_rating, zip(ratings.conditions.fabric, ratings.conditions.load, strict=True)
     names = [f"{ratings.fabrics[fabric]} at {ratings.loads[load]}" for fabric, load in pairs]
-    left = leave_by_weights(fitted.posterior.observation.log_likelihood_blocks(*_at_draws(fitted), group))
+    at = fitted.posterior.response(fitted.theta), fitted.posterior.rating_parameters(fitted.theta)
+    left = leave_by_weights(fitted.posterior.observation.log_likelihood_blocks(*at, group))
     return _refitted(fitted.posterior, "condition", group, names, left, seed, refits)
 
 

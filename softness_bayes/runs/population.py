@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.base.errors import InputError
@@ -176,50 +175,3 @@ def draws_of(result: Result, names: Sequence[str] = ()) -> dict[str, tuple[Prior
             effective = float(result.table.loc[name, "ess_bulk"])  # type: ignore[arg-type]
             found[name] = prior, Separate(z, density + scale.log_slope(z), min(effective, float(z.size)))
     return found
-
-
-def individual_table(pooled: Mapping[str, PooledParameter]) -> pd.DataFrame:
-    """Return a row per parameter and table: its interval separately and in the population, and its weights."""
-    return pd.DataFrame(
-        [
-            {
-                "parameter": name,
-                "table": table,
-                **_named("separate", one.natural(found.separate)),
-                **_named("shrunken", one.natural(one.sound(found.shrunken))),
-                "effective_draws": found.effective,
-                "largest_weight": found.largest,
-                "pareto_k": found.pareto_k,
-            }
-            for name, one in pooled.items()
-            for table, found in one.pooled.tables.items()
-        ]
-    )
-
-
-def population_table(pooled: Mapping[str, PooledParameter]) -> pd.DataFrame:
-    """Return a row per parameter: median, spread, a further table, Monte-Carlo errors, priors; or the fault."""
-    return pd.DataFrame(
-        [
-            {
-                "parameter": name,
-                "unit": one.parameter.unit,
-                "tables": len(one.pooled.tables),
-                **_named("median", one.natural(one.sound(one.pooled.mean))),
-                **_named("spread", one.sound(one.pooled.spread)),
-                **_named("further", one.natural(one.sound(one.pooled.new))),
-                "median_mcse": float(one.sound(one.pooled.mean_mcse)),
-                "spread_mcse": float(one.sound(one.pooled.spread_mcse)),
-                "scale": one.scale,
-                "prior_median": str(one.prior.mean),
-                "prior_spread": str(one.prior.spread),
-                "fault": one.pooled.fault,
-            }
-            for name, one in pooled.items()
-        ]
-    )
-
-
-def _named(name: str, ends: Array) -> dict[str, float]:
-    low, middle, high = map(float, ends)
-    return {name: middle, f"{name}_low": low, f"{name}_high": high}

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.files.outputs import require_outputs, write_outputs
@@ -26,7 +27,7 @@ from softness_bayes.plotting.style import Style, files_of
 from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.runs import population
 from softness_bayes.runs.batch import batch, write_asked
-from softness_bayes.runs.table_fits import CONVERGED, REFUSED, Kept, TableOutcome, fit_tables
+from softness_bayes.runs.table_fits import CONVERGED, REFUSED, TableOutcome, fit_tables
 from softness_bayes.sampler.workers import Workers, available_processors
 
 if TYPE_CHECKING:
@@ -81,13 +82,43 @@ class Study:
 
     @property
     def individual(self) -> pd.DataFrame:
-        """A row per parameter and table (see `individual_table`)."""
-        return population.individual_table(self.populations)
+        """A row per parameter and table: its interval separately and in the population, and its weights."""
+        rows = [
+            {
+                "parameter": name,
+                "table": table,
+                **_named("separate", one.natural(found.separate)),
+                **_named("shrunken", one.natural(one.sound(found.shrunken))),
+                "effective_draws": found.effective,
+                "largest_weight": found.largest,
+                "pareto_k": found.pareto_k,
+            }
+            for name, one in self.populations.items()
+            for table, found in one.pooled.tables.items()
+        ]
+        return pd.DataFrame(rows)
 
     @property
     def population(self) -> pd.DataFrame:
-        """A row per parameter (see `population_table`)."""
-        return population.population_table(self.populations)
+        """A row per parameter: median, spread, a further table, Monte-Carlo errors, priors; or the fault."""
+        rows = [
+            {
+                "parameter": name,
+                "unit": one.parameter.unit,
+                "tables": len(one.pooled.tables),
+                **_named("median", one.natural(one.sound(one.pooled.mean))),
+                **_named("spread", one.sound(one.pooled.spread)),
+                **_named("further", one.natural(one.sound(one.pooled.new))),
+                "median_mcse": float(one.sound(one.pooled.mean_mcse)),
+                "spread_mcse": float(one.sound(one.pooled.spread_mcse)),
+                "scale": one.scale,
+                "prior_median": str(one.prior.mean),
+                "prior_spread": str(one.prior.spread),
+                "fault": one.pooled.fault,
+            }
+            for name, one in self.populations.items()
+        ]
+        return pd.DataFrame(rows)
 
     @property
     def failed(self) -> list[str]:
@@ -152,7 +183,7 @@ def study(
     spreads: Mapping[str, Prior] | None = None,
     progress: Callable[[int, TableOutcome], None] | None = None,
     refused: Mapping[str, str] | None = None,
-    kept: Mapping[str, Kept] | None = None,
+    kept: Mapping[str, Mapping[str, Any]] | None = None,
     executor: Executor | None = None,
     **options: Any,
 ) -> Study:
@@ -178,7 +209,7 @@ def study(
     refused
         Names of tables that could not be read, with the reason.
     kept
-        Record of the command line for each run.
+        Files and figures of each run, as recorded for its continuation by the command line.
     executor
         Executor that runs the fits instead of local processes, with the same draws (see `runs.table_fits`).
     **options
@@ -235,6 +266,11 @@ def _forest(name: str, one: population.PooledParameter) -> Forest:
     if found.fault:
         return forest
     return forest._replace(shrunken=shrunken, population=one.natural(found.mean), new=one.natural(found.new))
+
+
+def _named(name: str, ends: NDArray[np.float64]) -> dict[str, float]:
+    low, middle, high = map(float, ends)
+    return {name: middle, f"{name}_low": low, f"{name}_high": high}
 
 
 def _interval(row: Any, name: str) -> str:

@@ -48,13 +48,6 @@ class TableOutcome(NamedTuple):
     """The verdict on convergence, or the reason why the table was rejected."""
 
 
-class Kept(NamedTuple):
-    """Record of a run by the command line, from which `resume` continues it."""
-
-    files: dict[str, Any]
-    figures: bool
-
-
 class Fit(NamedTuple):
     """Task of one table."""
 
@@ -63,7 +56,8 @@ class Fit(NamedTuple):
     data: Experiment | Compression | Afferents | Measurements
     directory: str
     """Directory of the run on the client."""
-    kept: Kept | None
+    kept: Mapping[str, Any] | None
+    """Its files, and whether it has figures, as `resume` reads them; None for a run from Python."""
     patient: bool = False
     """True to wait for another process in the directory to end: on a cluster it may be a task that is still running
     although its client was killed."""
@@ -76,7 +70,7 @@ def fit_tables(
     request: Request,
     tables: Mapping[str, Experiment | Compression | Afferents | Measurements],
     runs: Path,
-    kept: Mapping[str, Kept],
+    kept: Mapping[str, Mapping[str, Any]],
     executor: Executor | None,
 ) -> Iterator[TableOutcome]:
     """Fit tables, and yield the outcome of each as it ends.
@@ -92,7 +86,7 @@ def fit_tables(
     runs
         Directory of the runs.
     kept
-        Record of the command line for each run.
+        As for `study`.
     executor
         Executor of the workers, if there is one.
     """
@@ -156,9 +150,8 @@ def _fitted(request: Request, fit: Fit, directory: Path) -> TableOutcome:
             if (verdict := final_verdict(status, run.max_steps)) is not None:
                 return TableOutcome(fit.table, CONVERGED if verdict.converged else UNCONVERGED, verdict.sentence())
         if fit.kept is not None:
-            record = {"files": fit.kept.files, "options": asked.record(), "figures": fit.kept.figures}
-            checkpoint.request = {**record, "versions": versions()}
-        figures = () if fit.kept is not None and fit.kept.figures else None
+            checkpoint.request = {**fit.kept, "options": asked.record(), "versions": versions()}
+        figures = () if fit.kept is not None and fit.kept["figures"] else None
         ending = sample_kept(checkpoint, model, run, figures).provenance.ending
     return TableOutcome(fit.table, CONVERGED if ending.converged else UNCONVERGED, ending.verdict)
 

@@ -76,7 +76,11 @@ def build(design: SurfaceInputs, say: Say) -> FiringSurface:
         empty = FiringSurface(design, np.zeros((0, 0)), border, UNMEASURED, design.degree)
         place = place[:, empty.before_corner(place) > design.border.margin]
     channels = design.channels_at(place)
-    begin = _begin_at_fold(design, channels) if design.closest == 0.0 else _begin_at_births(design, channels)
+    begin = _begin_at_births(design, channels) if design.closest else None
+    if begin is None:  # membranes that are known to fire just above their fold, without simulation
+        onsets = fold(channels, design.membrane)
+        zero = np.zeros_like(onsets.current)
+        begin = Onset(onsets.current, zero, onsets.prefactor, zero.astype(bool))
     say(f"{place.shape[1]} channel vectors, firing begins at {begin.rheobase.min():.3f} to {begin.rheobase.max():.3f}")
     distances = 0.5 * (design.nodes_w[:, None] + 1.0) * np.sqrt(design.max_current - begin.rheobase)
     first = int(design.closest == 0.0)
@@ -99,13 +103,6 @@ def build(design: SurfaceInputs, say: Say) -> FiringSurface:
     return FiringSurface(
         design, np.hstack([fitted[:, :2], fitted[:, 2:] @ to_monomials]), border, UNMEASURED, design.degree
     )
-
-
-def _begin_at_fold(design: SurfaceInputs, channels: Channels) -> Onset:
-    """Return the onset of membranes that are known to fire just above their fold, without simulation."""
-    onsets = fold(channels, design.membrane)
-    zero = np.zeros_like(onsets.current)
-    return Onset(onsets.current, zero, onsets.prefactor, zero.astype(bool))
 
 
 def _begin_at_births(design: SurfaceInputs, channels: Channels) -> Onset:

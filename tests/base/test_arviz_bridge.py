@@ -13,6 +13,7 @@ from softness_bayes.base import arviz_bridge
 from softness_bayes.base.errors import InputError
 from softness_bayes.checking.layout import ratings_in
 from softness_bayes.results.data_groups import experiment_of
+from support.arviz_types import for_arviz
 
 RNG_SEED = 3
 
@@ -60,7 +61,7 @@ def test_arviz_itself_reads_the_file_and_works_on_it(tree, tmp_path):
 
     path = tmp_path / "posterior.nc"
     path.write_bytes(arviz_bridge.netcdf(tree))
-    from_file, converted = arviz.from_netcdf(path), arviz_bridge.for_arviz(tree)
+    from_file, converted = arviz.from_netcdf(path), for_arviz(tree)
     for data in (from_file, converted):
         np.testing.assert_array_equal(data["posterior"]["b"].values, tree["posterior"]["b"].values)
         np.testing.assert_array_equal(data["log_prior"]["b"].values, tree["log_prior"]["b"].values)
@@ -142,8 +143,8 @@ def test_diagnostics_of_independent_draws():
     chains = np.random.default_rng(1).normal(size=(4, 2000))
     assert arviz_bridge.r_hat(chains) < 1.01
     assert arviz_bridge.ess_bulk(chains) == pytest.approx(8000, rel=0.15)
-    assert arviz_bridge.mcse_mean(chains) == pytest.approx(8000**-0.5, rel=0.1)
-    assert arviz_bridge.mcse_sd(chains) == pytest.approx(16000**-0.5, rel=0.1)
+    assert arviz_bridge.mcse(chains, "mean") == pytest.approx(8000**-0.5, rel=0.1)
+    assert arviz_bridge.mcse(chains, "sd") == pytest.approx(16000**-0.5, rel=0.1)
     assert arviz_bridge.hdi(chains, 0.9) == pytest.approx((-1.645, 1.645), abs=0.15)
     assert arviz_bridge.hdi(chains, 0.5) == pytest.approx((-0.674, 0.674), abs=0.2)
     # negative control: chains about different means

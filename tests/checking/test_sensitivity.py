@@ -24,6 +24,7 @@ from softness_bayes.checking.identifiability import (
 )
 from softness_bayes.checking.sentences import direction_sentences, information_sentences, modulus_sentences
 from softness_bayes.sampler.chain_statistics import jackknife
+from support.arviz_types import for_arviz
 
 DRAWS = 40_000
 
@@ -123,7 +124,7 @@ def test_power_scaling_agrees_with_arviz(rng):
             "log_likelihood": {"joint": log_likelihood},
         },
     )
-    data = arviz_bridge.for_arviz(tree)
+    data = for_arviz(tree)
     for kind, component in (("prior", log_prior.sum(-1)), ("likelihood", log_likelihood)):
         if hasattr(arviz, "psense"):
             theirs = arviz.psense(data, group=kind)

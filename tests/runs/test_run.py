@@ -10,7 +10,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import halfnorm, kstest, lognorm
 
-from softness_bayes.base import arviz_bridge
 from softness_bayes.checking.inflection import curve_scene
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.model.build import build
@@ -31,6 +30,7 @@ from softness_bayes.touch.neuron.rate_curve import CurveError, RateCurve
 from softness_bayes.touch.neuron.spikes import spike_times
 from softness_bayes.touch.readings import MENDED
 from support import report_runs
+from support.arviz_types import for_arviz
 from support.report_runs import COARSE
 
 CLOTH = Fabrics(("felt", "lawn", "drill", "gauze"), effective_modulus=np.array([8e4, 2e4, 4e5, 2e5]))
@@ -338,7 +338,7 @@ def test_a_result_reads_back_identically(result, directory):
 
 def test_arviz_works_on_the_file(directory):
     arviz = pytest.importorskip("arviz")
-    data = arviz_bridge.for_arviz(Result.load(directory).tree)
+    data = for_arviz(Result.load(directory).tree)
     table = arviz.summary(data, var_names=["b", "mu"], kind="stats")
     assert table.loc["b", "mean"] == pytest.approx(float(data["posterior"]["b"].mean()), rel=1e-2)
     from_file = arviz.from_netcdf(directory / "posterior.nc")

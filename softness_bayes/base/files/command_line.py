@@ -21,8 +21,10 @@ def storable(command: str) -> str:
     """
 
     def written(found: re.Match[str]) -> str:
-        is_text = found[0].encode(errors="ignore").decode() == found[0]
-        return found[0] if is_text else _escaped(found[0][1:-1])
+        if found[0].encode(errors="ignore").decode() == found[0]:
+            return found[0]
+        single = (bytes([byte]) for byte in os.fsencode(found[0][1:-1]))
+        return "$'" + "".join(b.decode() if _PLAIN.match(b) else f"\\x{b[0]:02x}" for b in single) + "'"
 
     return _QUOTED.sub(written, command)
 
@@ -52,8 +54,3 @@ def endings(paths: Sequence[Path]) -> list[str]:
         if len({*names}) == len({*paths}):
             break
     return names
-
-
-def _escaped(text: str) -> str:
-    single = (bytes([byte]) for byte in os.fsencode(text))
-    return "$'" + "".join(b.decode() if _PLAIN.match(b) else f"\\x{b[0]:02x}" for b in single) + "'"

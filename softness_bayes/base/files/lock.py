@@ -6,7 +6,7 @@ import errno
 import os
 import re
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -37,26 +37,25 @@ class Lock:
 
     def __enter__(self) -> Self:
         for _ in range(_TRIES):
-            handle = os.open(self._path, os.O_RDWR | os.O_CREAT | _PLAIN, 0o666)
-            try:
-                held = lock_descriptor(handle, blocking=False)
-            except OSError:
-                os.close(handle)
-                raise
-            if not held:
-                os.close(handle)
-                time.sleep(_WAIT)
-                continue
-            if _is_at(handle, self._path):
+            with ExitStack() as unless_held:
+                handle = os.open(self._path, os.O_RDWR | os.O_CREAT | _PLAIN, 0o666)
+                unless_held.callback(os.close, handle)
+                if not lock_descriptor(handle, blocking=False):
+                    time.sleep(_WAIT)
+                    continue
+                try:
+                    if not os.path.samestat(os.fstat(handle), os.stat(self._path)):
+                        continue
+                except FileNotFoundError:  # its last holder removed the file in the meantime
+                    continue
                 if not _LOCKED.fullmatch(os.read(handle, 32)):
-                    os.close(handle)
                     raise InputError(f"{self._path}: is not the lock of a run; move it away, or choose another --out")
                 os.ftruncate(handle, 0)
                 os.lseek(handle, 0, os.SEEK_SET)
                 os.write(handle, f"{os.getpid()}\n".encode())
+                unless_held.pop_all()
                 self._handle = handle
                 return self
-            os.close(handle)  # its last holder removed the file in the meantime
         raise _refusal(self._path)
 
     def vanish(self) -> None:
@@ -87,9 +86,13 @@ def is_held(path: Path) -> bool:
     If this cannot be determined, as on a network drive without write permission, the lock counts as free.
     """
     try:
-        handle = _opened(path)
+        handle = os.open(path, os.O_RDWR | _PLAIN)
     except FileNotFoundError:
         return False
+    except OSError as error:
+        if error.errno not in (errno.EACCES, errno.EPERM, errno.EROFS):
+            raise
+        handle = os.open(path, os.O_RDONLY | _PLAIN)
     try:
         for _ in range(_ASKED):
             if lock_descriptor(handle, blocking=False):
@@ -100,23 +103,6 @@ def is_held(path: Path) -> bool:
     finally:
         os.close(handle)
     return True
-
-
-def _opened(path: Path) -> int:
-    """Open a file for locking, if necessary read-only."""
-    try:
-        return os.open(path, os.O_RDWR | _PLAIN)
-    except OSError as error:
-        if error.errno not in (errno.EACCES, errno.EPERM, errno.EROFS):
-            raise
-        return os.open(path, os.O_RDONLY | _PLAIN)
-
-
-def _is_at(handle: int, path: Path) -> bool:
-    try:
-        return os.path.samestat(os.fstat(handle), os.stat(path))
-    except FileNotFoundError:
-        return False
 
 
 def _refusal(path: Path) -> LockedError:

@@ -109,7 +109,7 @@ def require_outputs(
     """
     require_directory(directory)
     present = [directory / name for name in names if os.path.lexists(directory / name)]
-    _refuse(directory, _objections(directory, present, (by,), inputs))
+    _require_ours(directory, present, by, inputs)
     if present and not replace:
         shown = ", ".join(path.name for path in present)
         raise InputError(f"{directory}: already holds {shown}; choose another --out, or add --force to replace")
@@ -142,16 +142,16 @@ def write_outputs(directory: Path, contents: Mapping[str, bytes | str], by: str)
         If there is no space or permission; every file is then either unchanged or complete and new.
     """
     data = {directory / name: text.encode() if isinstance(text, str) else text for name, text in contents.items()}
-    made = _make(directory)
+    made = make(directory)
     try:
         with _held(directory) as alone:
             if alone:
                 discard(filter(is_part, directory.iterdir()))  # of killed processes
             listing = Listing.read(directory)
-            _refuse(directory, _objections(directory, [path for path in data if os.path.lexists(path)], (by,), ()))
+            _require_ours(directory, filter(os.path.lexists, data), by)
             _write(directory, data, replace(listing, made=listing.made or directory in made), by)
     except BaseException:
-        _unmake(made)
+        unmake(made)
         raise
     return list(data)
 
@@ -251,17 +251,17 @@ def require_directory(directory: Path) -> None:
             raise InputError(f"{place}: is a file, expected a directory for the results")
     made: list[Path] = []
     try:
-        made = _make(directory)
+        made = make(directory)
         with tempfile.TemporaryFile(dir=directory):
             pass
     except OSError as error:
         raise InputError(f"{directory}: cannot be written to ({error.strerror})") from None
     finally:
-        _unmake(made)
+        unmake(made)
 
 
-def _refuse(directory: Path, objections: Mapping[Path, str]) -> None:
-    if objections:
+def _require_ours(directory: Path, present: Iterable[Path], by: str, inputs: Iterable[Path] = ()) -> None:
+    if objections := _objections(directory, present, (by,), inputs):
         raise InputError(f"{told(objections)}; nothing was written: move it away, or choose another --out")
 
 
@@ -289,7 +289,7 @@ def _objections(
     return found
 
 
-def _make(directory: Path) -> list[Path]:
+def make(directory: Path) -> list[Path]:
     """Make a directory and those on the way to it; return the new ones."""
     made: list[Path] = []
     try:
@@ -298,12 +298,12 @@ def _make(directory: Path) -> list[Path]:
                 place.mkdir()
                 made.append(place)
     except OSError:
-        _unmake(made)
+        unmake(made)
         raise
     return made
 
 
-def _unmake(made: Iterable[Path]) -> None:
+def unmake(made: Iterable[Path]) -> None:
     """Remove new directories that are still empty."""
     for place in reversed(list(made)):
         with suppress(OSError):

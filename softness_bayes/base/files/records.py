@@ -1,8 +1,8 @@
 """JSON: the only place where the toolkit reads it, and where values and typed records become JSON that is stored.
 
-A record is a dataclass or a named tuple of numbers, texts, arrays, other records, and tuples of these. It is written by
-its values and read by its annotations, so that a field is declared once. What a file names of code is not imported
-before the user trusts it (`require_trusted`).
+A record is a dataclass or a named tuple of numbers, texts, arrays, JSON values, other records, and tuples of these. It
+is written by its values and read by its annotations, so that a field is declared once. What a file names of code is not
+imported before the user trusts it (`require_trusted`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import json
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib.metadata import entry_points
@@ -126,6 +125,8 @@ def from_json(kind: Any, values: Any, arrays: Sequence[NDArray[Any]] = ()) -> An
     import numpy as np
 
     origin, arguments = get_origin(kind), get_args(kind)
+    if kind is Any or origin in (dict, Mapping):
+        return values
     # newer versions of NumPy declare NDArray as an alias with an origin of its own
     if origin in (np.ndarray, get_origin(np.typing.NDArray[np.float64])):
         return np.array(values, dtype=float) if isinstance(values, list) else arrays[values]
@@ -167,8 +168,13 @@ def require_trusted(source: str, record: Any, trust_code: bool) -> None:
                 f"{source}: names code, {quoted(name)}, and reading it would run the module {module!r}; if you trust "
                 "whoever made the file, use --trust-code (in Python trust_code=True, or import the module first)"
             )
-        with _without_working_directory():
+        before, asked = list(sys.path), os.environ.get("PYTHONPATH", "").split(os.pathsep)
+        named = {Path(folder).resolve() for folder in asked if folder}
+        sys.path[:] = [p for p in before if p and (Path(p).resolve() in named or Path(p).resolve() != Path.cwd())]
+        try:
             imported(source, name, target)
+        finally:
+            sys.path[:] = before
 
 
 def _code_in(record: Any) -> Iterator[tuple[str, str]]:
@@ -202,15 +208,3 @@ def _every_entry_point() -> Mapping[str, str]:
     found = entry_points()
     groups = [group for group in found.groups if group.startswith(f"{GROUP}.")]
     return {point.name: point.value for group in groups for point in found.select(group=group)}
-
-
-@contextmanager
-def _without_working_directory() -> Iterator[None]:
-    """Search modules on Python's path without the working directory, unless PYTHONPATH names it."""
-    asked = {Path(folder).resolve() for folder in os.environ.get("PYTHONPATH", "").split(os.pathsep) if folder}
-    before = list(sys.path)
-    sys.path[:] = [p for p in before if p and (Path(p).resolve() in asked or Path(p).resolve() != Path.cwd())]
-    try:
-        yield
-    finally:
-        sys.path[:] = before

@@ -74,8 +74,13 @@ def put(parts: Mapping[Path, Path]) -> None:
         for path, part in parts.items():
             os.replace(part, path)
             del waiting[path]
-        for directory in {path.parent for path in parts}:
-            _sync_directory(directory)
+        # the names too, or a whole file could lack its own after a crash; on Windows directories cannot be opened
+        for directory in {path.parent for path in parts} if os.name != "nt" else ():
+            handle = os.open(directory, os.O_RDONLY)
+            try:
+                os.fsync(handle)
+            finally:
+                os.close(handle)
     except OSError as error:
         error.filename, error.filename2 = str(path), None
         raise
@@ -104,14 +109,3 @@ def discard(parts: Iterable[Path]) -> None:
 def is_part(path: Path) -> bool:
     """Return whether a file has the name of a staged file."""
     return _PART.fullmatch(path.name) is not None and path.is_file() and not path.is_symlink()
-
-
-def _sync_directory(directory: Path) -> None:
-    """Sync the names in a directory to the disk; otherwise a whole file could lack its name after a crash."""
-    if os.name == "nt":  # on systems where directories cannot be opened
-        return
-    handle = os.open(directory, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
