@@ -302,29 +302,29 @@ class Loads:
         self.indented = np.array([isinstance(load, Indentation) for load in every], bool).reshape(shape)
         value = np.array([held(load) for load in every], float).reshape(shape)
         # NaN for the quantity that a load does not fix
-        self._depth, self._newton = np.where(self.indented, value, np.nan), np.where(self.indented, np.nan, value)
+        self.depth, self.newton = np.where(self.indented, value, np.nan), np.where(self.indented, np.nan, value)
 
     def radius(self, reduced_modulus: Array, finger: Fingertip) -> Array:
         """Return the contact radius [m] for E_star [Pa], of shape (..., conditions)."""
-        fixed = np.sqrt(finger.radius * self._depth)
+        fixed = np.sqrt(finger.radius * self.depth)
         if self.indented.all():
             return np.broadcast_to(fixed, np.broadcast_shapes(fixed.shape, reduced_modulus.shape))
-        newton = self._newton * finger.force
+        newton = self.newton * finger.force
         return np.where(self.indented, fixed, np.cbrt(0.75 * finger.radius * newton / reduced_modulus))
 
     def contact(self, skin: Array, reduced_modulus: Array, finger: Fingertip) -> Contact:
         """Return the contacts for E_skin and E_star [Pa], of shape (..., conditions)."""
         radius = self.radius(reduced_modulus, finger)
-        indentation = np.where(self.indented, self._depth, radius**2 / finger.radius)
-        force = np.where(self.indented, hertz_force(reduced_modulus, radius, finger), self._newton * finger.force)
+        indentation = np.where(self.indented, self.depth, radius**2 / finger.radius)
+        force = np.where(self.indented, hertz_force(reduced_modulus, radius, finger), self.newton * finger.force)
         return Contact(skin, reduced_modulus, radius, indentation, force)
 
     def compression(self, finger: Fingertip, displacement: SkinDisplacement) -> tuple[Array, Array]:
         """Return ln C and p of `skin_modulus`: with a given radius p = 0, with a given force p = power / 3."""
         # a = sqrt(R delta), or a³ = 3 R F / (4 E_star)
         softness = 1.0 - finger.poisson_ratio**2
-        under_force = displacement.power / 3.0 * np.log(0.75 * finger.radius * self._newton * finger.force * softness)
-        at_depth = displacement.power * 0.5 * np.log(finger.radius * self._depth)
+        under_force = displacement.power / 3.0 * np.log(0.75 * finger.radius * self.newton * finger.force * softness)
+        at_depth = displacement.power * 0.5 * np.log(finger.radius * self.depth)
         log_scale = np.where(self.indented, at_depth, under_force) - np.log(finger.radius)
         return log_scale, np.where(self.indented, 0.0, displacement.power / 3.0)
 

@@ -48,7 +48,7 @@ class _Threshold:
         low, self.high = np.log(1.0 if isinstance(load, Indentation) else low), np.log(high)
         log_modulus = np.linspace(low, self.high, 400)
         modulus, finger = np.exp(log_modulus)[None], scene.finger
-        fields = StressFields(scene.tables, [load], [np.arange(log_modulus.size)], finger)
+        fields = StressFields(scene.tables, [load] * log_modulus.size, finger)
         log_peak = np.log(fields.at(modulus, Loads(load).radius(modulus, finger), finger).peak[0])
         if not (np.diff(log_peak) > 0).all():
             raise InputError(
@@ -100,9 +100,8 @@ class FingerFamily:
         self._u = chebyshev.chebpts1(response_nodes)
         self._series = np.linalg.inv(chebyshev.chebvander(self._u, response_nodes - 1))
         # all fields at the nodes, load by load
-        columns = [k * response_nodes + np.arange(response_nodes) for k in range(len(loads))]
-        self._fields = StressFields(scene.tables, loads, columns, scene.finger)
-        self._loads = Loads([load for load in loads for _ in range(response_nodes)])
+        every = [load for load in loads for _ in range(response_nodes)]
+        self._fields, self._loads = StressFields(scene.tables, every, scene.finger), Loads(every)
 
     def total_rate(
         self,

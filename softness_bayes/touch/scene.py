@@ -169,7 +169,7 @@ class Scene:
         self.tables, d = cut_tables(self._whole, self.discretisation.field_tolerance), self.discretisation
         used = np.unique(self.load)
         self.columns = [np.flatnonzero(self.load == k) for k in used]
-        self.stress_fields = StressFields(self.tables, [self.loads[k] for k in used], self.columns, self.finger)
+        self.stress_fields = StressFields(self.tables, [self.loads[k] for k in self.load], self.finger)
         self.population = Population(self.tables[self.loads[used[0]]].root, self.count, d.nodes, d.saturation)
         for name in ("mechanics", "rates"):
             self.__dict__.pop(name, None)

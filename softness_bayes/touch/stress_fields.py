@@ -22,8 +22,6 @@ from softness_bayes.touch.contact import (
     Contact,
     Finger,
     Fingertip,
-    Fingertips,
-    Indentation,
     Load,
     Loads,
     SkinDisplacement,
@@ -31,63 +29,56 @@ from softness_bayes.touch.contact import (
     reduced_modulus,
     skin_modulus,
 )
-from softness_bayes.touch.neuron.polynomials import TotalDegree, chebyshev_values
+from softness_bayes.touch.neuron.polynomials import TotalDegree
 from softness_bayes.touch.population import WIDE, Profile
-from softness_bayes.touch.stress_table import StressTable, restricted, touched, values_to_coefficients
+from softness_bayes.touch.stress_table import INSIDE, StressTable, TablePart, touched, values_to_coefficients
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
-_INSIDE = 1.0 + 1e-9  # largest coordinate of a table, scaled to [-1, 1]
-
-
 class StressFields:
-    """The stress fields of the conditions of a scene.
+    """The stress fields of some conditions.
 
     Parameters
     ----------
     tables
         The table of each load.
-    loads, columns
-        The loads, and the conditions under each, as indices.
+    loads
+        The load of each condition.
     finger
         The finger, where it does not vary.
     """
 
-    def __init__(
-        self, tables: Mapping[Load, StressTable], loads: Sequence[Load], columns: Sequence[Index], finger: Finger
-    ) -> None:
-        groups: dict[int, list[int]] = {}
-        for k, load in enumerate(loads):
-            groups.setdefault(id(tables[load]), []).append(k)
-        self._finger, self._loads = finger, [loads[k] for group in groups.values() for k in group]
-        self._tables = [tables[loads[group[0]]] for group in groups.values()]
-        self._columns = [columns[k] for group in groups.values() for k in group]
-        self._groups = list(pairwise(np.cumsum([0, *map(len, groups.values())]).tolist()))
-        self.by_load = np.concatenate(self._columns)
-        self._stops = np.cumsum([0, *(where.size for where in self._columns)])
-        n = self.by_load.size
-        self._rise, self._fall, self._across = np.empty((3, n))
-        self._held = np.empty(n, dtype=bool)
-        self._peak = np.zeros((max(table.table.shape[1] for table in self._tables), n))
-        shapes: list[Array] = []
-        for table, (start, stop) in zip(self._tables, self._groups, strict=True):
-            own = np.array([float(table.across(load, finger)) for load in self._loads[start:stop]])
-            series = table.series(np.clip(table.scaled(own, 1), -1.0, 1.0))
-            shapes.append(np.swapaxes(series[..., 1:], 1, 2))
-            fall, one = table.scaled(np.array([0.0, 1.0]), 0)
-            for where, across, peak in zip(self._columns[start:stop], own, series[..., 0], strict=True):
-                self._rise[where], self._fall[where], self._across[where] = one - fall, fall, across
-                self._held[where] = isinstance(table.load, Indentation)
-                self._peak[: peak.size, where] = peak[:, None]
-        self._order = max(part.shape[1] for part in shapes)
-        self._near = WIDE ** self._tables[0].root
-        self._whole_shapes = shapes
-        pairs = zip(self._tables, shapes, strict=True)
-        self._near_shapes = [table.restriction(self._near) @ whole for table, whole in pairs]
+    def __init__(self, tables: Mapping[Load, StressTable], loads: Sequence[Load], finger: Finger) -> None:
+        own = [tables[load] for load in loads]
+        self._tables, self._finger = [*{id(table): table for table in own}.values()], finger
+        self._columns = [np.flatnonzero([one is table for one in own]) for table in self._tables]
+        self._loads = [Loads([loads[k] for k in columns]) for columns in self._columns]
+        self.by_table = np.concatenate(self._columns)
+        self._stops = np.cumsum([0, *(columns.size for columns in self._columns)])
+        self.across = self._places_across(finger)
+        near, rows = WIDE ** self._tables[0].root, [np.eye(table.table.shape[-1]) for table in self._tables]
+        self._peaks = [TablePart(table, row[:1]) for table, row in zip(self._tables, rows, strict=True)]
+        self._profiles = {
+            True: (
+                near,
+                [TablePart(t, t.restriction(near) @ row[1:]) for t, row in zip(self._tables, rows, strict=True)],
+            ),
+            False: (0.0, [TablePart(table, row[1:]) for table, row in zip(self._tables, rows, strict=True)]),
+        }
 
-    def at(self, modulus: Array, radius: Array, finger: Fingertip) -> FieldsAt | Profile:
+    def _places_across(self, finger: Fingertip) -> Array:
+        """Return the places across the tables, shape (conditions,), or (batch, conditions) of individual fingers."""
+        places = [
+            table.scaled(table.across(loads, finger), 1) for table, loads in zip(self._tables, self._loads, strict=True)
+        ]
+        found = np.empty((*places[0].shape[:-1], self.by_table.size))
+        for columns, place in zip(self._columns, places, strict=True):
+            found[..., columns] = place
+        return found
+
+    def at(self, modulus: Array, radius: Array, finger: Fingertip) -> FieldsAt:
         """Return the fields at E_star [Pa] and contact radius [m], both of shape (batch, conditions).
 
         Parameters
@@ -106,92 +97,45 @@ class StressFields:
             raise NumericalError("stress field: a reduced modulus is not positive and finite")
         readings = self._tables[0].readings
         relative, decay = touched(radius, modulus, finger, readings)
-        amplitude = readings.pressure.amplitude(modulus, radius, finger)
-        place = np.log(np.where(self._held, 1.0 + decay, relative)) * self._rise + self._fall
-        if isinstance(finger, Fingertips):
-            return self._of_fingers(place, relative, decay, amplitude, finger)
-        return FieldsAt(self, place, amplitude * self._unit_peak(place))
+        across = self.across if finger is self._finger else self._places_across(finger)
+        every, along, peak = np.broadcast_to(across, modulus.shape), np.empty(modulus.shape), np.empty(modulus.shape)
+        for table, unit_peak, columns in zip(self._tables, self._peaks, self._columns, strict=True):
+            place = table.scaled(table.along(relative[:, columns], decay[:, columns]), 0)
+            unit = unit_peak(place.ravel(), every[:, columns].ravel())
+            along[:, columns], peak[:, columns] = place, unit.reshape(place.shape)
+        peak *= readings.pressure.amplitude(modulus, radius, finger)
+        return FieldsAt(self, along, across, peak, finger.receptor_depth)
 
     def covers(self, place: Array) -> bool:
-        """Return whether the tables cover some places."""
-        return bool((np.abs(place) <= _INSIDE).all())
+        """Return whether the tables cover some places along them."""
+        return bool((np.abs(place) <= INSIDE).all())
 
-    def _unit_peak(self, place: Array) -> Array:
-        """Return the stress on the axis under a pressure of amplitude 1."""
-        inside = np.minimum(np.maximum(place, -1.0), 1.0)
-        unit = np.einsum("kbn,kn->bn", chebyshev_values(inside, len(self._peak)), self._peak)
-        beyond = np.nonzero(np.abs(place) > _INSIDE)
-        if beyond[0].size:
-            unit[beyond] = self._exact(place[beyond], beyond[1])[:, 0]
-        return unit
-
-    def profile(self, peak: Array, place: Array, condition: Index, stops: Sequence[int], near: bool) -> Profile:
-        """Return the profile of places in the tables.
+    def profile(self, at: FieldsAt, lanes: Index, stops: Sequence[int], near: bool) -> Profile:
+        """Return the profile of some touches.
 
         Parameters
         ----------
-        peak, place, condition
-            Stresses on the axis [Pa], places and conditions, shape (n,), in the order of `by_load`.
+        at
+            The fields of a batch.
+        lanes
+            Indices into the flattened batch, table by table.
         stops
-            Where the places of each load begin, and the end of all.
+            Where the touches of each table begin, and the end of all.
         near
             True for the shorter series of stresses from `WIDE` of the peak on.
         """
-        every, least = (self._near_shapes, self._near) if near else (self._whole_shapes, 0.0)
-        shape, sizes = np.zeros((max(one.shape[1] for one in every), place.size)), np.empty(place.size)
-        beyond = np.flatnonzero(np.abs(place) > _INSIDE)
-        basis = chebyshev_values(np.minimum(np.maximum(place, -1.0), 1.0) if beyond.size else place, len(self._peak))
-        for table, series, (first, last) in zip(self._tables, every, self._groups, strict=True):
-            _, order, terms = series.shape
-            for one, (start, stop) in zip(series, pairwise(stops[first : last + 1]), strict=True):
-                np.matmul(one, basis[:terms, start:stop], out=shape[:order, start:stop])
-            whole = slice(stops[first], stops[last])
-            relative, decay = self._contacts(table, place[whole], condition[whole])
-            sizes[whole] = relative**2 / (1.0 + decay)
-        if beyond.size:
-            exact = self._exact(place[beyond], condition[beyond])[:, 1:]
-            shape[:, beyond] = restricted(self._order, least)[: len(shape)] @ exact.T
-        sizes += 1.0
-        sizes *= self._finger.receptor_depth**2
-        shape *= sizes
-        return Profile(peak, shape, least)
-
-    def _contacts(self, table: StressTable, place: Array, condition: Index) -> tuple[Array, Array]:
-        along = (place - self._fall.take(condition)) / self._rise.take(condition)
-        return table.contacts(along, self._across.take(condition))
-
-    def _exact(self, place: Array, condition: Index) -> Array:
-        """Return rows of places beyond the tables, shape (n, 1 + order), one load after another."""
-        found = np.zeros((place.size, 1 + self._order))
-        of_condition = np.empty(self.by_load.size, dtype=np.intp)
-        for k, (start, stop) in enumerate(self._groups):
-            of_condition[np.concatenate(self._columns[start:stop])] = k
-        of_place = of_condition[condition]
-        for k in np.unique(of_place):
-            own = of_place == k
-            rows = self._tables[k].exact(
-                *np.broadcast_arrays(*self._contacts(self._tables[k], place[own], condition[own]))
-            )
-            found[own, : rows.shape[1]] = rows
-        return found
-
-    def _of_fingers(
-        self, place: Array, relative: Array, decay: Array, amplitude: Array, fingers: Fingertips
-    ) -> Profile:
-        """Return the profile of one finger for each row."""
-        unit, shape = np.empty_like(place), np.zeros((self._order, *place.shape))
-        tables = [t for t, (start, stop) in zip(self._tables, self._groups, strict=True) for _ in range(start, stop)]
-        for table, load, where in zip(tables, self._loads, self._columns, strict=True):
-            across = table.scaled(table.across(load, fingers), 1)
-            along, (_, terms, width) = place[:, where], table.table.shape
-            series = table.series(np.clip(across[:, 0], -1.0, 1.0))
-            rows = np.moveaxis(chebyshev_values(np.clip(along, -1.0, 1.0), terms), 0, -1) @ series
-            beyond = (np.abs(along) > _INSIDE) | (np.abs(across) > _INSIDE)
-            if beyond.any():
-                rows[beyond] = table.exact(relative[:, where][beyond], decay[:, where][beyond])
-            unit[:, where], shape[: width - 1, :, where] = rows[..., 0], np.moveaxis(rows[..., 1:], -1, 0)
-        shape *= fingers.receptor_depth**2 * (1.0 + relative**2 / (1.0 + decay))
-        return Profile(amplitude * unit, shape)
+        least, every = self._profiles[near]
+        vector, condition = np.divmod(lanes, at.peak.shape[1])
+        along = at.along.take(lanes)
+        across = at.across.take(condition) if at.across.ndim == 1 else at.across.take(lanes)
+        depth = np.take(at.depth, vector) if np.ndim(at.depth) else at.depth
+        shape, sizes = np.zeros((max(len(part.matrix) for part in every), lanes.size)), np.empty(lanes.size)
+        for part, some in zip(every, (slice(*ends) for ends in pairwise(stops)), strict=True):
+            shape[: len(part.matrix), some] = part(along[some], across[some])
+            relative, decay = part.table.contacts(along[some], across[some])
+            sizes[some] = 1.0 + relative**2 / (1.0 + decay)
+        shape *= sizes * depth**2
+        return Profile(at.peak.take(lanes), shape, least)
 
 
 class FieldsAt:
@@ -201,24 +145,25 @@ class FieldsAt:
     ----------
     fields
         The fields.
-    place
-        Places of the contacts in the tables, which end at -1 and 1, shape (batch, conditions).
+    along, across
+        Places of the contacts in the tables, which end at -1 and 1, shape (batch, conditions); those across may have
+        the shape (conditions,).
     peak
-        Stress on the axis [Pa], of the same shape.
+        Stress on the axis [Pa], shape (batch, conditions).
+    depth
+        Depth of the receptors [m], a number or of shape (batch, 1).
     """
 
-    def __init__(self, fields: StressFields, place: Array, peak: Array) -> None:
-        self._of, self.place, self.peak = fields, place, peak
+    def __init__(self, fields: StressFields, along: Array, across: Array, peak: Array, depth: Array | float) -> None:
+        self._of, self.along, self.across, self.peak, self.depth = fields, along, across, peak, depth
 
     def among(self, mask: NDArray[np.bool_], near: bool) -> tuple[Index, Profile]:
-        """Return indices into the flattened batch of the elements of a mask, load by load, and their profile."""
+        """Return indices into the flattened batch of the elements of a mask, table by table, and their profile."""
         of, (batch, conditions) = self._of, self.peak.shape
-        found = np.flatnonzero(mask.T.take(of.by_load, axis=0))
+        found = np.flatnonzero(mask.T.take(of.by_table, axis=0))
         row, vector = np.divmod(found, batch)
-        condition = of.by_load.take(row)
-        at = vector * conditions + condition
-        stops = found.searchsorted(batch * of._stops).tolist()
-        return at, of.profile(self.peak.take(at), self.place.take(at), condition, stops, near)
+        lanes = vector * conditions + of.by_table.take(row)
+        return lanes, of.profile(self, lanes, found.searchsorted(batch * of._stops).tolist(), near)
 
 
 SKIN_SHARE = 0.03
@@ -360,7 +305,7 @@ class Mechanics:
         skin = skin_modulus(*compression, log_k, b[:, None], m[:, None])
         return self._loads.contact(skin, reduced_modulus(skin, modulus, self._poisson, self._finger), finger)
 
-    def fields(self, b: Array, m: Array, modulus: Array | None, finger: Fingertip) -> FieldsAt | Profile:
+    def fields(self, b: Array, m: Array, modulus: Array | None, finger: Fingertip) -> FieldsAt:
         """Return the stress fields; arguments as `contact` takes them."""
         if self._series is None or modulus is not None or finger is not self._finger:
             contact = self.contact(b, m, modulus, finger)
@@ -369,11 +314,12 @@ class Mechanics:
         if outside.any():
             found[outside] = self._solved(b[outside], m[outside])
         n = self._modulus.size
-        return FieldsAt(self._fields, found[:, :n], np.exp(found[:, n:]))
+        return FieldsAt(
+            self._fields, found[:, :n], self._fields.across, np.exp(found[:, n:]), self._finger.receptor_depth
+        )
 
     def _solved(self, b: Array, m: Array) -> Array:
         """Return the places in the tables, then ln of the stress on the axis [Pa], shape (batch, 2 × conditions)."""
         contact = self.contact(b, m, None, self._finger)
         fields = self._fields.at(contact.reduced_modulus, contact.radius, self._finger)
-        assert isinstance(fields, FieldsAt), "polynomials are for one finger"
-        return np.concatenate([fields.place, np.log(np.maximum(fields.peak, 1e-300))], axis=1)
+        return np.concatenate([fields.along, np.log(np.maximum(fields.peak, 1e-300))], axis=1)

@@ -66,6 +66,12 @@ BLOCK = 4
 FARTHEST = 500.0
 """End of the grid on which the search begins, in sizes of the patch; beyond it the field follows its power law."""
 
+INSIDE = 1.0 + 1e-9
+"""Largest coordinate of a table, scaled to [-1, 1]."""
+
+LEAST_EXTENT = 1e-6
+"""Extent of a coordinate to which a table of a single value of it is scaled."""
+
 _ROUNDING = 1e-11  # change of ln y below which no slope follows from it
 
 
@@ -200,7 +206,7 @@ class StressTable:
     ) -> None:
         if not finger.receptor_depth > 0:
             raise InputError("finger: receptor_depth is 0, expected a positive depth for a stress field")
-        self.load, self.finger, self.readings, self.tolerance = least, finger, readings, tolerance
+        self.load, self.finger, self.readings, self.tolerance = Loads(least), finger, readings, tolerance
         self.modulus_range, self._inversion = modulus_range, Inversion(readings, tolerance)
         self._held = isinstance(least, Indentation)
         alone = finger.radius, finger.receptor_depth, finger.force
@@ -210,10 +216,10 @@ class StressTable:
         for load in (least, greatest):
             modulus = np.broadcast_to(np.array(modulus_range), (depth.size, 2))
             along.append(self.along(*touched(Loads(load).radius(modulus, corners), modulus, corners, readings)))
-            across.append(self.across(load, corners))
+            across.append(self.across(Loads(load), corners))
             for relative in (0.3, 1.0, 10.0) if (box or greatest != least) and not self._held else ():
                 usual = self._decay(self.load, self.finger, relative) * np.exp(across[-1])
-                if not np.allclose(self._decay(load, corners, relative), usual, rtol=1e-9, atol=1e-12):
+                if not np.allclose(self._decay(Loads(load), corners, relative), usual, rtol=1e-9, atol=1e-12):
                     raise InputError(
                         f"radius and receptor_depth cannot be sampled with pressure={readings.pressure.name} under "
                         "a given force, because its decay is no product of a function of the contact radius and one of "
@@ -233,37 +239,40 @@ class StressTable:
         """Return the coordinate along the moduli of contacts A and q."""
         return np.log1p(decay) if self._held else np.log(relative)
 
-    def across(self, load: Load, finger: Fingertip) -> Array:
-        """Return the coordinate across the table of a load on a finger, of the shape of the finger."""
-        if isinstance(load, Indentation):
-            return np.asarray(np.log(Loads(load).radius(np.ones_like(finger.radius), finger) / finger.receptor_depth))
-        own, usual = self._decay(load, finger, 1.0), self._decay(self.load, self.finger, 1.0)
+    def across(self, loads: Loads, finger: Fingertip) -> Array:
+        """Return the coordinate across the table of loads on a finger, which broadcast."""
+        if self._held:
+            return np.asarray(np.log(loads.radius(np.ones(()), finger) / finger.receptor_depth))
+        own, usual = self._decay(loads, finger, 1.0), self._decay(self.load, self.finger, 1.0)
         return np.log(np.maximum(own, 1e-300) / np.maximum(usual, 1e-300))
 
-    def contacts(self, along: Array, across: Array | float) -> tuple[Array, Array]:
-        """Return A and q at coordinates, which broadcast."""
+    def contacts(self, along: Array, across: Array) -> tuple[Array, Array]:
+        """Return A and q at scaled coordinates, which broadcast."""
+        along, across = (
+            0.5 * (low + high + max(high - low, LEAST_EXTENT) * place)
+            for (low, high), place in zip(self._ends, (along, across), strict=True)
+        )
         if self._held:
             return np.exp(across), np.expm1(np.maximum(along, 0.0))
         relative = np.exp(along)
         return relative, self._decay(self.load, self.finger, relative) * np.exp(across)
 
-    def _decay(self, load: Load, finger: Fingertip, relative: Array | float) -> Array:
-        """Return q under a force at some A."""
-        assert isinstance(load, Force)
+    def _decay(self, loads: Loads, finger: Fingertip, relative: Array | float) -> Array:
+        """Return q under forces at some A."""
         radius = np.asarray(relative * finger.receptor_depth)
-        force = load.newton * finger.force
-        return self.readings.pressure.decay(0.75 * finger.radius * force / radius**3, radius, finger)
+        return self.readings.pressure.decay(
+            0.75 * finger.radius * loads.newton * finger.force / radius**3, radius, finger
+        )
 
     def scaled(self, value: Array, side: int) -> Array:
         """Return a coordinate, along (0) or across (1), scaled to [-1, 1] over its range."""
         low, high = self._ends[side]
-        return (2.0 * value - (low + high)) / max(high - low, 1e-6)
+        return (2.0 * value - (low + high)) / max(high - low, LEAST_EXTENT)
 
     def _pairs(self, along: Array, across: Array) -> tuple[Array, Array]:
         """Return A and q at all pairs of scaled coordinates, shape (across × along,)."""
-        middle, half = self._ends.mean(axis=1), 0.5 * np.diff(self._ends, axis=1)[:, 0]
         t, s = (x.ravel() for x in np.meshgrid(across, along, indexing="ij"))
-        relative, decay = self.contacts(middle[0] + half[0] * s, middle[1] + half[1] * t)
+        relative, decay = self.contacts(s, t)
         return np.broadcast_to(relative, t.shape), np.broadcast_to(decay, t.shape)
 
     def _rows(self, along: Array, across: Array) -> Array:
@@ -309,7 +318,8 @@ class StressTable:
         y = np.cos(np.pi * (np.arange(61) + 0.3) / 61)
         exact = self._inversion.values(*self._pairs(along, across), 0.5 * (y + 1.0))
         exact = exact.reshape(across.size, along.size, -1)
-        found = chebyshev_values(along, n_along).T @ self.series(across)
+        series = np.tensordot(chebyshev_values(across, n_across), self.table, (0, 0))
+        found = chebyshev_values(along, n_along).T @ series
         found = np.dstack([found[..., 0], found[..., 1:] @ chebyshev_values(y, found.shape[-1] - 1)])
         apart, largest = np.abs(found - exact).max(axis=1), np.abs(exact).max(axis=1)
         return float(
@@ -331,14 +341,38 @@ class StressTable:
         size = np.abs(self.table[..., 1:] @ matrix.T).max(axis=(0, 1)) / self._scale[-1]
         return matrix[: _kept(size, self.tolerance)]
 
-    def series(self, across: Array) -> Array:
-        """Return the series along the moduli at scaled coordinates (n,) across, shape (n, terms, 1 + order)."""
-        n_across, terms, width = self.table.shape
-        return (chebyshev_values(across, n_across).T @ self.table.reshape(n_across, -1)).reshape(-1, terms, width)
+    def exact(self, along: Array, across: Array) -> Array:
+        """Return rows [unit peak, coefficients of S], (n, 1 + order), at scaled coordinates (n,) without the table."""
+        return self._inversion.rows(*self.contacts(along, across), self.shape_nodes)[:, : self.table.shape[-1]]
 
-    def exact(self, relative: Array, decay: Array) -> Array:
-        """Return rows [unit peak, coefficients of S], (n, 1 + order), of contacts A and q (n,) without the table."""
-        return self._inversion.rows(relative, decay, self.shape_nodes)[:, : self.table.shape[-1]]
+
+class TablePart:
+    """Linear functions of the rows of a table, for contacts anywhere.
+
+    Parameters
+    ----------
+    table
+        The table.
+    matrix
+        The functions of a row [unit peak, coefficients of S], shape (functions, 1 + order).
+    """
+
+    def __init__(self, table: StressTable, matrix: Array) -> None:
+        self.table, self.matrix, self._series = table, matrix, table.table @ matrix.T
+
+    def __call__(self, along: Array, across: Array) -> Array:
+        """Return the values at scaled coordinates (n,), shape (functions, n); beyond the table exactly, and slowly."""
+        beyond = np.flatnonzero(np.maximum(np.abs(along), np.abs(across)) > INSIDE)
+        inside = np.clip(along, -1.0, 1.0) if beyond.size else along
+        basis = chebyshev_values(inside, self._series.shape[1])
+        found = self._series[0].T @ basis
+        if len(self._series) > 1:
+            weights = chebyshev_values(np.clip(across, -1.0, 1.0), len(self._series))
+            for weight, series in zip(weights[1:], self._series[1:], strict=True):
+                found += weight * (series.T @ basis)
+        if beyond.size:
+            found[:, beyond] = self.matrix @ self.table.exact(along[beyond], across[beyond]).T
+        return found
 
 
 def _series(values: Array, axis: int) -> Array:

@@ -52,7 +52,7 @@ def errors(table, load, modulus, fingers=FINGER, loads=None):
     rows = fingers.radius.size if isinstance(fingers, Fingertips) else 1
     modulus = np.broadcast_to(modulus, (rows, np.size(modulus)))
     radius = np.broadcast_to(Loads(load).radius(modulus, fingers), modulus.shape)
-    fields = StressFields({load: table}, [load], [np.arange(modulus.shape[1])], FINGER if rows > 1 else fingers)
+    fields = StressFields({load: table}, [load] * modulus.shape[1], FINGER if rows > 1 else fingers)
     profile = whole(fields.at(modulus, radius, fingers))
     fraction = np.linspace(0.003, 1.0, 60)[:, None, None]
     y = np.broadcast_to(np.maximum(fraction**2, 1e-6), (60, *modulus.shape))
@@ -141,7 +141,7 @@ def test_what_has_no_field_is_refused():
     with pytest.raises(InputError, match="receptor_depth"):
         StressTable(*LOADS[:1], *LOADS[:1], Finger(receptor_depth=0.0), None, Readings(), RANGE, 1e-3)
     tables = stress_tables(LOADS[:1], FINGER, None, Readings(), RANGE, 1e-3)
-    fields = StressFields(tables, LOADS[:1], [np.arange(2)], FINGER)
+    fields = StressFields(tables, 2 * LOADS[:1], FINGER)
     for bad in (0.0, -1.0, math.nan, math.inf):
         with pytest.raises(NumericalError, match="modulus"):
             fields.at(np.array([[1e5, bad]]), np.full((1, 2), 3e-3), FINGER)
