@@ -90,7 +90,14 @@ class Drive(NamedTuple):
     curve: RateCurve
     """The rate curve, of batch shape (batch,), or () where all share one."""
 
-    def part(self, index: slice) -> Drive:
+    @property
+    def onset(self) -> Array:
+        """The stress at which a receptor starts to fire [Pa], shape (batch,); infinite where none can."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            odds = self.alpha / np.reshape(self.curve.rheobase, -1) - 1.0
+            return np.where(odds > 0, self.sigma_0 - np.log(odds) / self.beta, np.inf)
+
+    def part(self, index: slice | Index) -> Drive:
         """Return the drive of some of the vectors."""
         curve = self.curve.take(index) if self.curve.rheobase.ndim else self.curve
         return Drive(self.alpha[index], self.beta[index], self.sigma_0[index], curve)

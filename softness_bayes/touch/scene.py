@@ -19,11 +19,14 @@ from softness_bayes.touch.contact import (
     Finger,
     FingerBox,
     Fingertip,
+    Force,
     FreeTouch,
+    Indentation,
     Load,
     fingertips,
     require_loads,
 )
+from softness_bayes.touch.load_curves import LoadCurves
 from softness_bayes.touch.neuron.rate_curve import Firing
 from softness_bayes.touch.parameters import TouchParameters, checked_rows
 from softness_bayes.touch.population import Drive, Population
@@ -59,6 +62,9 @@ class Discretisation:
     """Number of exact rates interpolated by the curve of fixed channels."""
     rate_terms: int | None = None
     """Number of terms that are left of the polynomials in the root of the current; by default all."""
+    load_nodes: int | None = 16
+    """Number of loads between which the responses of a fabric to many loads are interpolated; None for no
+    interpolation."""
 
 
 class Response(NamedTuple):
@@ -161,6 +167,8 @@ class Scene:
         covered = covered_moduli(self.modulus, self.poisson, finger, modulus_range)
         used = [self.loads[k] for k in np.unique(self.load)]
         self._whole = stress_tables(used, finger, finger_box, readings, covered, discretisation.field_tolerance)
+        # decided once, so that a part of the scene has the errors of the whole
+        self._along = [kind for kind in (Indentation, Force) if self._saves_touches(kind)]
         self._compile()
 
     def _compile(self) -> None:
@@ -171,8 +179,52 @@ class Scene:
         self.columns = [np.flatnonzero(self.load == k) for k in used]
         self.stress_fields = StressFields(self.tables, [self.loads[k] for k in self.load], self.finger)
         self.population = Population(self.tables[self.loads[used[0]]].root, self.count, d.nodes, d.saturation)
-        for name in ("mechanics", "rates"):
+        for name in ("mechanics", "rates", "_curves", "_others", "_exactly"):
             self.__dict__.pop(name, None)
+
+    @cached_property
+    def _curves(self) -> list[tuple[Index, Index, LoadCurves]]:
+        """Conditions, fabrics and interpolated responses of each kind of load of which many share a table."""
+        found, nodes = [], self.discretisation.load_nodes or 0
+        for kind in self._along if nodes else ():
+            conditions = self._under(kind)
+            if not conditions.size:
+                continue
+            many = [load for load in self._whole if isinstance(load, kind)]
+            fabrics, fabric = np.unique(self.fabric[conditions], return_inverse=True)
+            curves = LoadCurves(
+                self.tables[many[0]],
+                many,
+                self.fabric_modulus[fabrics],
+                self._poissons[fabrics],
+                fabric,
+                [self.loads[k] for k in self.load[conditions]],
+                self.finger,
+                self.readings,
+                self.skin_box if self.finger_box is None else None,
+                self.population,
+                nodes,
+            )
+            found.append((conditions, fabrics, curves))
+        return found
+
+    def _under(self, kind: type[Load]) -> Index:
+        """Return the conditions under loads of a kind."""
+        return np.flatnonzero([isinstance(self.loads[k], kind) for k in self.load])
+
+    def _saves_touches(self, kind: type[Load]) -> bool:
+        """Return whether loads of a kind share a table, and interpolation along them takes half the touches."""
+        conditions, nodes = self._under(kind), self.discretisation.load_nodes or 0
+        tables = [id(table) for load, table in self._whole.items() if isinstance(load, kind)]
+        few = 2 * nodes * np.unique(self.fabric[conditions]).size <= conditions.size
+        return len({*tables}) < len(tables) and bool(few)
+
+    @cached_property
+    def _others(self) -> tuple[Index, Scene]:
+        """The conditions whose responses are not interpolated, and their scene."""
+        curves = [conditions for conditions, _, _ in self._curves]
+        others = np.setdiff1d(np.arange(self.n_conditions), np.concatenate(curves))
+        return others, self.take(others) if others.size else self
 
     @cached_property
     def rates(self) -> Firing:
@@ -251,9 +303,33 @@ class Scene:
         shape, chunks = self._chunks(parameters, modulus)
         rates = []
         for chunk, own, drive in chunks:
-            fields = self.mechanics.fields(chunk.b, chunk.m, own, self.fingertip(chunk))
-            rates.append(self.population.sums(fields, drive).rate)
+            rates.append(self._rates(chunk, own, drive))
         return (rates[0] if len(rates) == 1 else np.concatenate(rates)).reshape(*shape, self.n_conditions)
+
+    def _rates(self, p: TouchParameters, modulus: Array | None, drive: Drive) -> Array:
+        """Return the total rates of some vectors (batch,), shape (batch, conditions), with moduli of the fabrics."""
+        finger = self.fingertip(p)
+        if not self._curves:
+            own = None if modulus is None else modulus[:, self.fabric]
+            return self.population.sums(self.mechanics.fields(p.b, p.m, own, finger), drive).rate
+        found, holds = np.empty((p.b.size, self.n_conditions)), np.ones(p.b.size, dtype=bool)
+        for conditions, fabrics, curves in self._curves:
+            own = None if modulus is None else modulus[:, fabrics]
+            found[:, conditions], rises = curves.rates(p, own, finger, drive)
+            holds &= rises
+        others, scene = self._others
+        if others.size:
+            found[:, others] = scene._rates(p, modulus, drive)
+        if not holds.all():
+            left = np.flatnonzero(~holds)
+            some = TouchParameters(*(value[left] for value in p)), None if modulus is None else modulus[left]
+            found[left] = self._exactly._rates(*some, drive.part(left))
+        return found
+
+    @cached_property
+    def _exactly(self) -> Scene:
+        """The scene without interpolation along loads."""
+        return self.coarser(replace(self.discretisation, load_nodes=None))
 
     def respond(self, parameters: TouchParameters, modulus: Array | None = None) -> Response:
         """Return all fields of every condition's response, for a batch of parameter vectors.
@@ -264,7 +340,7 @@ class Scene:
         parts = []
         for chunk, own, drive in chunks:
             finger = self.fingertip(chunk)
-            touch = self.mechanics.contact(chunk.b, chunk.m, own, finger)
+            touch = self._contact(chunk, own)
             fields = self.stress_fields.at(touch.reduced_modulus, touch.radius, finger)
             sums = self.population.sums(fields, drive, intervals=True)
             with np.errstate(invalid="ignore"):
@@ -278,9 +354,13 @@ class Scene:
     def contact(self, parameters: TouchParameters, modulus: Array | None = None) -> Contact:
         """Return the state of the contact alone, fields of shape (..., conditions); parameters as in `total_rate`."""
         shape, chunks = self._chunks(parameters, modulus, fires=False)
-        parts = [self.mechanics.contact(chunk.b, chunk.m, own, self.fingertip(chunk)) for chunk, own, _ in chunks]
+        parts = [self._contact(chunk, own) for chunk, own, _ in chunks]
         fields = zip(*parts, strict=True)
         return Contact(*(np.concatenate(part).reshape(*shape, self.n_conditions) for part in fields))
+
+    def _contact(self, p: TouchParameters, modulus: Array | None) -> Contact:
+        own = None if modulus is None else modulus[:, self.fabric]
+        return self.mechanics.contact(p.b, p.m, own, self.fingertip(p))
 
     def beyond_hertz(self, parameters: TouchParameters, modulus: Array | None = None) -> BeyondHertz:
         """Return the shares of draws × conditions with contact outside the range of Hertz's geometry."""
@@ -290,7 +370,9 @@ class Scene:
     def refined(self) -> Scene:
         """Return a reference: the same scene with whole stress tables, solved contacts and a finer quadrature."""
         d = self.discretisation
-        finer = Discretisation(d.nodes + 12, d.saturation + 8.0, SHARE * d.field_tolerance, d.rate_nodes)
+        finer = Discretisation(
+            d.nodes + 12, d.saturation + 8.0, SHARE * d.field_tolerance, d.rate_nodes, load_nodes=None
+        )
         return self._copied(discretisation=finer, skin_box=None)
 
     def exact(self) -> Scene:
@@ -397,7 +479,7 @@ class Scene:
         Returns
         -------
         shape, chunks
-            The batch shape, and the vectors of each chunk along one axis, with the moduli of their conditions and their
+            The batch shape, and the vectors of each chunk along one axis, with the moduli of the fabrics and the
             drives, if `fires`. Chunks are created lazily, so that the memory of one is released before the next. Rate
             curves are computed for several chunks at once: exact ones take seconds for any number of vectors.
         """
@@ -407,7 +489,8 @@ class Scene:
             parameters = parameters.broadcast(shape)
             modulus = np.broadcast_to(modulus, (*shape, modulus.shape[-1])).reshape(-1, modulus.shape[-1])
         shape, flat = checked_rows(parameters)
-        rows = max(LEAST_ROWS, CHUNK // (self.n_conditions * self.discretisation.nodes))
+        touches = sum(fabrics.size for _, fabrics, _ in self._curves) * (self.discretisation.load_nodes or 0)
+        rows = max(LEAST_ROWS, CHUNK // ((touches or self.n_conditions) * self.discretisation.nodes))
 
         def chunks() -> Iterator[tuple[TouchParameters, Array | None, Any]]:
             several = max(rows, WITH_CURVES)
@@ -417,7 +500,7 @@ class Scene:
                 drive = None if curve is None else Drive(group.alpha, group.beta, group.sigma_0, curve)
                 for start in range(0, max(group.b.size, 1), rows):
                     k = slice(start, start + rows)
-                    own = None if modulus is None else modulus[first : first + several][k][:, self.fabric]
+                    own = None if modulus is None else modulus[first : first + several][k]
                     yield TouchParameters(*(value[k] for value in group)), own, drive and drive.part(k)
 
         return shape, chunks()

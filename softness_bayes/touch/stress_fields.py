@@ -54,7 +54,7 @@ class StressFields:
         own = [tables[load] for load in loads]
         self._tables, self._finger = [*{id(table): table for table in own}.values()], finger
         self._columns = [np.flatnonzero([one is table for one in own]) for table in self._tables]
-        self._loads = [Loads([loads[k] for k in columns]) for columns in self._columns]
+        self._loads = [Loads([loads[k] for k in columns.tolist()]) for columns in self._columns]
         self.by_table = np.concatenate(self._columns)
         self._stops = np.cumsum([0, *(columns.size for columns in self._columns)])
         self.across = self._places_across(finger)
