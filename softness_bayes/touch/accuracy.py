@@ -27,9 +27,9 @@ from softness_bayes.touch.scene import Discretisation, Scene
 Array = NDArray[np.float64]
 
 PRESETS = (
-    Discretisation(7, 4.0, 1e-4, rate_terms=14, load_nodes=10),
+    Discretisation(7, 4.0, 1e-4, rate_terms=14, load_nodes=2.6),
     Discretisation(),
-    Discretisation(18, 11.0, 1e-7, rate_nodes=28, load_nodes=28),
+    Discretisation(18, 11.0, 1e-7, rate_nodes=28, load_nodes=5.5),
 )
 """The resolutions, from cheap to accurate: with errors of about 3e-4, 1e-5 and 1e-7 of the peak response. In each, the
 extent of the population integral has the least of the errors measured under indentations of 1 to 3 mm and forces of 0.1

@@ -19,7 +19,6 @@ from softness_bayes.base.errors import InputError
 from softness_bayes.touch.contact import Indentation, Load, Loads
 from softness_bayes.touch.finger_grid import FingerGrid, FingerSpreads, SkinLaws
 from softness_bayes.touch.neuron.polynomials import clenshaw
-from softness_bayes.touch.neuron.rate_curve import RateCurve
 from softness_bayes.touch.parameters import TouchParameters, checked_rows
 from softness_bayes.touch.population import Drive
 from softness_bayes.touch.scene import Scene
@@ -162,15 +161,15 @@ class FingerFamily:
         sigma_0 = p.sigma_0[:, None] * np.exp(np.multiply.outer(spread, self.grid.axis("sigma_0")))
         found = np.empty((len(p.b), sigma_0.shape[1], *log_modulus.shape[1:]))
         curve = self.scene.firing.curves(p.channels, p.alpha)
-        rheobase = np.broadcast_to(np.reshape(curve.rheobase, (-1, 1)), (len(p.b), 1))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            odds = p.alpha[:, None] / rheobase - 1.0
-            onset = np.where(odds > 0, sigma_0 - np.log(odds) / p.beta[:, None], np.inf)
+        vector = np.repeat(np.arange(len(p.b)), sigma_0.shape[1])
+        own = curve.take(vector) if curve.rheobase.ndim else curve
+        drive = Drive(p.alpha[vector], p.beta[vector], sigma_0.reshape(-1), own)
+        onset = drive.onset.reshape(sigma_0.shape)
         tops = [log_modulus[..., columns].max(axis=(1, 2, 3)) for columns in self.scene.columns]
         begins = np.stack([at(onset) for at in self._thresholds], axis=-1)
         top = np.maximum(np.stack(tops, axis=-1)[:, None], begins)  # (batch, sigma_0, loads)
         extent = np.sqrt(np.where(np.isfinite(begins), top - np.where(np.isfinite(begins), begins, 0.0), 0.0))
-        series = self._along(p, curve, sigma_0, begins, extent)
+        series = self._along(drive, begins, extent)
         for k, columns in enumerate(self.scene.columns):
             start, far = begins[:, :, k, None, None, None], extent[:, :, k, None, None, None]
             squared = log_modulus[:, None][..., columns] - start
@@ -195,7 +194,7 @@ class FingerFamily:
         known = np.log(self.scene.contact(few, touched).reduced_modulus)
         return np.einsum("jq,inqmc->injmc", self._to_b, known, optimize=True)
 
-    def _along(self, p: TouchParameters, curve: RateCurve, sigma_0: Array, begins: Array, extent: Array) -> Array:
+    def _along(self, drive: Drive, begins: Array, extent: Array) -> Array:
         """Return the series of (rate / t²) in t under every load, shape (nodes, batch, sigma_0, loads)."""
         nodes, scene = self._u.size, self.scene
         batch, sensitivities, loads = extent.shape
@@ -204,9 +203,6 @@ class FingerFamily:
         anywhere = np.array([at.high for at in self._thresholds])
         log_modulus = np.where(np.isfinite(begins), begins, anywhere)[..., None] + t * t
         reduced = np.exp(log_modulus).reshape(batch * sensitivities, loads * nodes)
-        vector = np.repeat(np.arange(batch), sensitivities)
-        own = curve.take(vector) if curve.rheobase.ndim else curve
-        drive = Drive(p.alpha[vector], p.beta[vector], sigma_0.reshape(-1), own)
         fields = self._fields.at(reduced, self._loads.radius(reduced, scene.finger), scene.finger)
         rate = scene.population.sums(fields, drive).rate
         smooth = rate.reshape(batch, sensitivities, loads, nodes)

@@ -9,13 +9,14 @@ fabric and parameter vector.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from softness_bayes.touch.contact import Finger, Fingertip, Load, held
+from softness_bayes.touch.contact import Finger, Fingertip, Indentation, Load, held
 from softness_bayes.touch.neuron.polynomials import horner
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.population import Drive, Population
@@ -29,11 +30,25 @@ Index = NDArray[np.intp]
 LOWEST_ONSET = -4.0
 """Least place of an onset below the loads, which are scaled to [-1, 1]; with a lower one, their responses are alike."""
 
+MOST_PLACES = 22
+"""Number of places beyond which powers of the place would lose the digits that they are to gain."""
+
 LEAST_SLOPE = 1e-3
 """Least slope of the logarithm of the stress on the axis in the search for the onset."""
 
 NEWTON_STEPS = 4
 """Steps from a straight line, which the stress nearly is, to the onset."""
+
+
+def places(loads: Sequence[Load], density: float | None) -> int:
+    """Return the number of places for responses to loads of one kind; 0 if every touch is to be evaluated.
+
+    For the same error, it grows with the logarithm of the range of the forces, which are in proportion to the
+    indentations to the power 1.5.
+    """
+    power = 1.5 if isinstance(loads[0], Indentation) else 1.0
+    nodes = math.ceil((density or 0.0) * (1.5 + power * math.log(held(max(loads)) / held(min(loads)))))
+    return nodes if nodes <= MOST_PLACES else 0
 
 
 class LoadCurves:
@@ -84,7 +99,9 @@ class LoadCurves:
         of_fabrics, of_poisson = (np.repeat(one, contacts.size) for one in (modulus, poisson))
         fields, displacement = StressFields(tables, loaded, finger), readings.skin_displacement
         self._mechanics = Mechanics(of_fabrics, of_poisson, loaded, finger, displacement, fields, box, table.tolerance)
-        self._fields = StressFields(tables, few[:1] * (modulus.size * nodes), finger)
+        self.touches = modulus.size * nodes
+        """Number of touches of each parameter vector that are evaluated."""
+        self._fields = StressFields(tables, few[:1] * self.touches, finger)
 
     def rates(
         self, p: TouchParameters, modulus: Array | None, finger: Fingertip, drive: Drive

@@ -344,8 +344,7 @@ class _Onset(NamedTuple):
         rheobase, rate_0, s_max = (np.reshape(v, -1) for v in (curve.rheobase, curve.onset_rate, curve.s_max))
         odds = drive.alpha / rheobase - 1.0
         fires = odds > 0
-        odds = np.where(fires, odds, 1.0)
-        stress = np.where(fires, drive.sigma_0 - np.log(odds) / drive.beta, np.inf)
+        odds, stress = np.where(fires, odds, 1.0), drive.onset
         excess = np.where(fires, drive.alpha - rheobase, 1.0)
         slope = np.ascontiguousarray(np.atleast_2d(curve.slopes).T)
         return cls(drive.beta, odds, stress, excess, rate_0, 2.0 / s_max, slope)

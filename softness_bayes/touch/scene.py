@@ -26,7 +26,7 @@ from softness_bayes.touch.contact import (
     fingertips,
     require_loads,
 )
-from softness_bayes.touch.load_curves import LoadCurves
+from softness_bayes.touch.load_curves import LoadCurves, places
 from softness_bayes.touch.neuron.rate_curve import Firing
 from softness_bayes.touch.parameters import TouchParameters, checked_rows
 from softness_bayes.touch.population import Drive, Population
@@ -62,9 +62,9 @@ class Discretisation:
     """Number of exact rates interpolated by the curve of fixed channels."""
     rate_terms: int | None = None
     """Number of terms that are left of the polynomials in the root of the current; by default all."""
-    load_nodes: int | None = 16
-    """Number of loads between which the responses of a fabric to many loads are interpolated; None for no
-    interpolation."""
+    load_nodes: float | None = 4.0
+    """Density of the places between which a fabric's responses to many loads are interpolated (`load_curves.places`);
+    None for no interpolation."""
 
 
 class Response(NamedTuple):
@@ -185,12 +185,12 @@ class Scene:
     @cached_property
     def _curves(self) -> list[tuple[Index, Index, LoadCurves]]:
         """Conditions, fabrics and interpolated responses of each kind of load of which many share a table."""
-        found, nodes = [], self.discretisation.load_nodes or 0
-        for kind in self._along if nodes else ():
-            conditions = self._under(kind)
-            if not conditions.size:
+        found = []
+        for kind in self._along:
+            conditions, many = self._under(kind), [load for load in self._whole if isinstance(load, kind)]
+            nodes = places(many, self.discretisation.load_nodes)
+            if not conditions.size or not nodes:
                 continue
-            many = [load for load in self._whole if isinstance(load, kind)]
             fabrics, fabric = np.unique(self.fabric[conditions], return_inverse=True)
             curves = LoadCurves(
                 self.tables[many[0]],
@@ -214,10 +214,11 @@ class Scene:
 
     def _saves_touches(self, kind: type[Load]) -> bool:
         """Return whether loads of a kind share a table, and interpolation along them takes half the touches."""
-        conditions, nodes = self._under(kind), self.discretisation.load_nodes or 0
-        tables = [id(table) for load, table in self._whole.items() if isinstance(load, kind)]
-        few = 2 * nodes * np.unique(self.fabric[conditions]).size <= conditions.size
-        return len({*tables}) < len(tables) and bool(few)
+        tables = {load: id(table) for load, table in self._whole.items() if isinstance(load, kind)}
+        if len({*tables.values()}) == len(tables):
+            return False
+        conditions, nodes = self._under(kind), places([*tables], self.discretisation.load_nodes)
+        return bool(2 * nodes * np.unique(self.fabric[conditions]).size <= conditions.size)
 
     @cached_property
     def _others(self) -> tuple[Index, Scene]:
@@ -489,7 +490,7 @@ class Scene:
             parameters = parameters.broadcast(shape)
             modulus = np.broadcast_to(modulus, (*shape, modulus.shape[-1])).reshape(-1, modulus.shape[-1])
         shape, flat = checked_rows(parameters)
-        touches = sum(fabrics.size for _, fabrics, _ in self._curves) * (self.discretisation.load_nodes or 0)
+        touches = sum(curves.touches for _, _, curves in self._curves)
         rows = max(LEAST_ROWS, CHUNK // ((touches or self.n_conditions) * self.discretisation.nodes))
 
         def chunks() -> Iterator[tuple[TouchParameters, Array | None, Any]]:
