@@ -6,8 +6,9 @@ import sys
 
 def test_figures_of_a_run_import_no_arviz():
     code = (
-        "import sys, numpy as np; from softness_bayes.plotting.parameters import corner_library; "
-        "corner_library().corner(np.random.default_rng(1).normal(size=(500, 2)), labels=['a', 'b']); "
+        "import sys, numpy as np; from softness_bayes.base.arviz_bridge import without\n"
+        "with without('arviz'): import corner\n"
+        "corner.corner(np.random.default_rng(1).normal(size=(500, 2)), labels=['a', 'b']); "
         "print('arviz' in sys.modules, 'matplotlib' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, check=True)

@@ -10,7 +10,9 @@ from __future__ import annotations
 import io
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -214,6 +216,22 @@ def read_netcdf(path: str | os.PathLike[str]) -> xarray.DataTree:
         attributes = {name: value[0] if np.ndim(value) else value for name, value in attributes.items()}
         groups["/"] = xarray.Dataset(attrs=attributes)
     return xarray.DataTree.from_dict(groups)
+
+
+@contextmanager
+def without(library: str) -> Iterator[None]:
+    """Keep others from importing a library in a ``with`` block: it takes a second, and serves arguments of its types.
+
+    Nothing changes if the program has imported it already.
+    """
+    unknown = library not in sys.modules
+    if unknown:
+        sys.modules[library] = None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        if unknown:
+            del sys.modules[library]
 
 
 def _enough(chains: ArrayLike) -> bool:

@@ -170,6 +170,8 @@ class NumericalErrors:
     exactness_largest: float
     exactness_efficiency: float
     exactness_pareto_k: float
+    exact_enough: bool
+    """Whether the error of the fast model is known to be negligible; false if it was not compared (sd NaN)."""
     exact_reweight: bool
     inflection_least_drop: float
     """As `Provenance.least_drop`."""

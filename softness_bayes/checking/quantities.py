@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtr, ndtri, smirnovi
 
 from softness_bayes.likelihood.layout import ROUNDING, Additive, Layout
 
@@ -264,9 +264,8 @@ def simultaneous_band(size: int, points: ArrayLike, probability: float = 0.95) -
     probability
         Smallest probability of staying within all limits.
     """
-    from scipy.stats import kstwo  # imported here because it takes a third of a second
-
-    points, half = np.asarray(points, float), float(kstwo.ppf(probability, size))
+    # either side alone half as often, a bound that is 2e-5 wide at 0.9: SciPy takes a second to import the exact law
+    points, half = np.asarray(points, float), float(smirnovi(size, 0.5 * (1.0 - probability)))
     return Band(points, np.maximum(points - half, 0.0), np.minimum(points + half, 1.0))
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from softness_bayes.base.arviz_bridge import without
 from softness_bayes.base.defaults import LEVELS, LIMITS
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.readable import counted
@@ -51,12 +50,10 @@ def informative(draws: ArrayLike, most: int = MOST_PARAMETERS) -> list[int]:
     most
         Largest number of columns.
     """
-    from scipy.stats import rankdata
+    import pandas as pd
 
     values = _thinned(np.asarray(draws, float))
-    ranks = rankdata(values, axis=0) - 0.5 * (len(values) + 1)
-    size = np.sqrt((ranks**2).sum(axis=0))
-    related = np.abs(ranks.T @ ranks) / np.maximum(np.outer(size, size), 1e-300)
+    related = pd.DataFrame(values).corr("spearman").abs().fillna(0.0).to_numpy()
     rows, columns = np.triu_indices(values.shape[1], 1)
     order = np.argsort(-related[rows, columns], kind="stable")
     members = [int(k) for pair in zip(rows[order], columns[order], strict=True) for k in pair]
@@ -81,6 +78,9 @@ def corner(result: stored.Drawable, style: Style, every: bool = False) -> Figure
     import pandas as pd
     from matplotlib.figure import Figure
 
+    with without("arviz"):
+        import corner as library
+
     names, labels = stored.sampled_parameters(result)
     draws = _thinned(stored.draws_of(result, "posterior", names))
     shown = list(range(len(names))) if every else informative(draws)
@@ -98,7 +98,7 @@ def corner(result: stored.Drawable, style: Style, every: bool = False) -> Figure
     width = style.page if dimension > 3 else style.column
     figure = Figure(figsize=(width, width))
     figure.subplots(dimension, dimension, squeeze=False)
-    corner_library().corner(
+    library.corner(
         values,
         bins=24,
         range=_ranges(values, 0.05),
@@ -122,18 +122,6 @@ def corner(result: stored.Drawable, style: Style, every: bool = False) -> Figure
         _region_legend(figure, tints if contours else (), note, style)
     carry(figure, pd.DataFrame(values, columns=[names[k] for k in shown]))
     return figure
-
-
-def corner_library() -> Any:
-    """Import the library corner without ArviZ, which takes seconds; it is needed only for arguments of its own."""
-    absent = "arviz" not in sys.modules
-    if absent:
-        sys.modules["arviz"] = None  # type: ignore[assignment]
-    try:
-        return import_module("corner")
-    finally:
-        if absent:
-            del sys.modules["arviz"]
 
 
 def _region_legend(figure: Figure, tints: Sequence[tuple[float, float, float]], note: str, style: Style) -> None:

@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from softness_bayes.base.arviz_bridge import SAMPLE_DIMS
 from softness_bayes.base.defaults import in_words, shown_of
 from softness_bayes.base.files.run_files import MODULUS_ERRORS, RULER
 from softness_bayes.base.readable import number, sentence, with_error
 from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.checks import ALONG, LEVEL
-from softness_bayes.checking.exactness import Exactness
 from softness_bayes.checking.identifiability import INFORMED
 from softness_bayes.checking.modulus_errors import MovedMost, moved_most
 from softness_bayes.checking.provenance import NumericalErrors, PlateData
@@ -81,7 +79,7 @@ def cards(result: Result) -> list[Card]:
         ruler = ruler_sentence(result.tables[RULER], result.scale) if RULER in result.tables else ""  # a custom scale
         follows = [agreement_card(result.fit, ruler)]
         rest = [
-            fast_model_card(exactness_of(result), provenance.errors),
+            fast_model_card(provenance.errors),
             turning_card(turns_reproduced(checks), result.inflection()),
             checks_card(doubts(checks), residual_sentences(provenance.findings, doubts(checks))),
             input_card(input_errors_of(result)),
@@ -128,12 +126,12 @@ def agreement_card(fit: Fit, ruler: str) -> Card:
     return Card("Does the model follow the ratings?", answer, standing, [sentence(one) for one in details if one])
 
 
-def fast_model_card(exactness: Exactness | None, errors: NumericalErrors) -> Card:
+def fast_model_card(errors: NumericalErrors) -> Card:
     """Return the card on the effect of the fast forward model on the posterior."""
     answer, standing = "Not checked", Standing.NEUTRAL
-    if exactness is not None:
-        good = exactness.exact_enough
-        answer, standing = ("Exact enough", Standing.GOOD) if good else ("Not exact enough", Standing.BAD)
+    if np.isfinite(errors.exactness_sd):
+        enough = errors.exact_enough
+        answer, standing = ("Exact enough", Standing.GOOD) if enough else ("Not exact enough", Standing.BAD)
     details = [
         errors.exactness,
         f"Largest error of the quadrature: {number(errors.numerical_error, 2)} of the peak response; of the "
@@ -244,16 +242,3 @@ def recorded_card(result: Result) -> Card:
     answer, standing = ("No", Standing.BAD) if faults else ("Yes", Standing.GOOD)
     question = "Does the chain reproduce what afferents were recorded to do?"
     return Card(question, answer, standing, [*map(sentence, result.recorded_sentences)])
-
-
-def exactness_of(result: Result) -> Exactness | None:
-    """Return the comparison with exact firing rates, from the differences that the result keeps; None without any."""
-    stats, draws = result.group("sample_stats"), result.group("posterior")
-    difference = stats["exact_difference"].values
-    compared = np.isfinite(difference)
-    if not compared.any():
-        return None
-    sampled = result.group("log_prior").items()
-    names = tuple(str(name) for name, density in sampled if density.dims == SAMPLE_DIMS)
-    theta = np.stack([draws[name].values[compared] for name in names], axis=-1)
-    return Exactness(names, theta, np.zeros(int(compared.sum())), difference[compared])

@@ -32,7 +32,7 @@ from softness_bayes.parameters.space import scales_of
 from softness_bayes.people.free_means import word_of
 from softness_bayes.people.ruler import UNKNOWN, Following, fit_of
 from softness_bayes.people.sentences import highest_sentences, pairs_sentence, ruler_sentence
-from softness_bayes.report.cards import exactness_of, input_errors_of
+from softness_bayes.report.cards import input_errors_of
 from softness_bayes.results.rating_table import rises_with_stiffness
 from softness_bayes.results.result import Result
 
@@ -228,7 +228,7 @@ def facts_of(result: Result) -> Facts:
         copied=copied,
         remedies=_remedies(result),
         differ=ruler is None or bool(ruler["low"]["gain"] > 0.0),
-        exact=(compared := exactness_of(result)) is not None and compared.exact_enough,
+        exact=result.provenance.errors.exact_enough,
         unreproduced=(*doubts(checks), *recorded),
         turns=tuple(Turn._make((*row, reproduced.get(row[0]))) for row in turns.itertuples(name=None)),
         fabrics=(float(fabrics.effective_modulus.min()) / 1e3, float(fabrics.effective_modulus.max()) / 1e3),

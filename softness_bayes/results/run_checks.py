@@ -174,6 +174,7 @@ def checked(draws: RatedDraws, errors: tuple[float, float], compared: exactness.
         inflection_least_drop=max(LEAST_DROP, 3.0 * errors[0]),
         firing_error=errors[1],
         exactness=exactness_sentence(compared),
+        exact_enough=compared is not None and compared.exact_enough,
         exact_reweight=draws.log_weight is not None,
         **told,
     )

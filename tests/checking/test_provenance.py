@@ -37,7 +37,7 @@ SECTIONS = {
     "direction": DirectionTaken(FALLS, False, "from the data", 0.25, 0.7, 0.01),
     "rating_model": RatingSettings(0.5, STANDARDISED, 1e-3, "12 nodes", "student", "heavy tails", "whole numbers"),
     "rating_data": RatingData("abc", "def", 4),
-    "errors": NumericalErrors(1e-4, 1e-5, "Exact enough.", 0.01, 0.03, 0.99, 0.4, True, 0.02),
+    "errors": NumericalErrors(1e-4, 1e-5, "Exact enough.", 0.01, 0.03, 0.99, 0.4, True, True, 0.02),
     "silence": Silence(0.1, 0.2, 0.3, 0.4, 0.5, 0.6),
     "plate": PlateData("123", 2, 4.0, 2.2, 2.0, 2.4, 0.5),
 }
