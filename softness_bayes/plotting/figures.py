@@ -6,7 +6,6 @@ import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from io import BytesIO
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -328,7 +327,11 @@ class Plots:
         drawing = figure_named(name) if isinstance(name, str) else own_drawing("figure", name)
         figure = drawing(self._result, style)
         # notebooks display pyplot figures automatically, but these figures do not use pyplot
-        setattr(figure, "_repr_png_", partial(_png, figure, style))  # noqa: B010
+
+        def png() -> bytes:
+            return files_of(figure, "", ("png",), style, SCREEN)[".png"]
+
+        setattr(figure, "_repr_png_", png)  # noqa: B010
         return figure
 
     def __repr__(self) -> str:
@@ -337,14 +340,6 @@ class Plots:
     if TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Callable[..., Figure]: ...
-
-
-def _png(figure: Figure, style: Style) -> bytes:
-    """Return a figure as PNG for a notebook."""
-    picture = BytesIO()
-    with style.applied():
-        figure.savefig(picture, format="png", dpi=SCREEN)
-    return picture.getvalue()
 
 
 def _method(name: str, drawing: Drawing) -> Any:

@@ -68,25 +68,17 @@ def forest_figure(forests: Sequence[Forest], *, style: Style = USUAL) -> Figure:
     InputError
         If there is nothing to show.
     """
-    from matplotlib.figure import Figure
-
     if not forests or not forests[0].tables:
         raise InputError("figure: no tables in a study")
-    rows = len(forests[0].tables) + 2
-    columns = fitting(min(3, len(forests)), style)
-    lines = -(-len(forests) // columns)
-    width = style.column if columns == 1 else style.page
-    figure = Figure(figsize=(width, lines * max(_ROW * rows + _SPARE, 2.0)), layout="constrained")
-    cells = figure.subplots(lines, columns, sharey=True, squeeze=False).ravel()
-    for spare in cells[len(forests) :]:
-        spare.remove()
-    for axes, forest in zip(cells, forests, strict=False):
-        _draw(axes, forest, style)
+    rows, columns = len(forests[0].tables) + 2, fitting(min(3, len(forests)), style)
+    height = max(_ROW * rows + _SPARE, 2.0)
+    grid = make_panels(len(forests), style, height, columns, sharey=True, narrow=columns == 1)
     names = [short_name(name, LONGEST_ROW) for name in forests[0].tables]
-    cells[0].set_yticks(np.arange(rows), [*names, "population", "a further table"])
-    cells[0].set_ylim(rows - 0.4, -0.6)
-    legend_below(figure, list(cells[: len(forests)]))
-    return figure
+    grid.panels[0].set_yticks(np.arange(rows), [*names, "population", "a further table"])
+    for axes, forest in zip(grid.panels, forests, strict=True):
+        _draw(axes, forest, style)
+    grid.panels[0].set_ylim(rows - 0.4, -0.6)
+    return grid.with_legend()
 
 
 def _draw(axes: Axes, forest: Forest, style: Style) -> None:
@@ -213,7 +205,11 @@ def work_precision_figure(
         raise InputError("work against precision: expected at least one series")
     figure = Figure(figsize=(style.page, 0.55 * style.page), layout="constrained")
     axes = figure.add_subplot()
-    _draw_series(axes, series, style)
+    for k, (name, pairs) in enumerate(series.items()):
+        time, wrong = np.reshape(pairs, (-1, 2)).T * [[1e6], [1.0]]
+        some = (time > 0) & (wrong > 0)  # the axes are logarithmic
+        (line,) = axes.plot(wrong[some], time[some], "o-", ms=2.5, color=style.ensembles[k % len(style.ensembles)])
+        line.set(label=name, gid=f"series/{name}")
     for k, (name, (second, off)) in enumerate(peers.items()):
         mark = MARKERS[k % len(MARKERS)]
         (line,) = axes.plot([off], [1e6 * second], mark, ms=4, color=style.prior, ls="none", label=name)
@@ -228,13 +224,3 @@ def work_precision_figure(
     axes.set_title(machine)
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
-
-
-def _draw_series(axes: Axes, series: Mapping[str, Sequence[tuple[float, float]]], style: Style) -> None:
-    """Draw a line for each series, omitting settings without a positive error because the axis is logarithmic."""
-    colours = [*style.ensembles]
-    for k, (name, pairs) in enumerate(series.items()):
-        time, wrong = np.reshape(pairs, (-1, 2)).T * [[1e6], [1.0]]
-        some = (time > 0) & (wrong > 0)
-        (line,) = axes.plot(wrong[some], time[some], "o-", ms=2.5, color=colours[k % len(colours)], label=name)
-        line.set_gid(f"series/{name}")

@@ -273,17 +273,25 @@ def laid_out(figure: Figure) -> Iterator[None]:
 
 
 def files_of(
-    figure: Figure, stem: str, formats: Sequence[str] = ("png", "pdf"), style: Style = USUAL
+    figure: Figure,
+    stem: str,
+    formats: Sequence[str] = ("png", "pdf"),
+    style: Style = USUAL,
+    dpi: float | None = None,
 ) -> dict[str, bytes]:
-    """Return the contents of the files that `save` writes, by file name (stem and suffix)."""
+    """Return the contents of the files that `save` writes, by file name (stem and suffix).
+
+    Their resolution [dots per inch] is that of the style unless another is given.
+    """
     require_formats(formats)
     contents: dict[str, bytes] = {}
+    resolution: dict[str, Any] = {} if dpi is None else {"dpi": dpi}
     with style.applied(), laid_out(figure):
         for name in formats:
             if name == DATA:
                 contents[f"{stem}.{name}"] = csv_of(data_of(figure), index=False).encode()
                 continue
             more: dict[str, Any] = {"pil_kwargs": {"compress_level": COMPRESSION}} if name == "png" else {}
-            figure.savefig(drawn := io.BytesIO(), format=name, metadata=dict(METADATA[name]), **more)
+            figure.savefig(drawn := io.BytesIO(), format=name, metadata=dict(METADATA[name]), **more, **resolution)
             contents[f"{stem}.{name}"] = drawn.getvalue()
     return contents

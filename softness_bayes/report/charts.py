@@ -170,8 +170,6 @@ def charts(first: ChartData, every: list[ChartData], scale: Scale) -> Charts:
     rating = _chart("rating", first, scale.label.capitalize(), (low, high), scale.axis)
     _fabrics(rate, first, foot=True)
     _fabrics(rating, first, foot=False)
-    for chart in (rate, rating):
-        dress(chart)
     script, places = _numbered(*components({"rate": rate, "rating": rating}))
     return Charts(Resources("inline", components=["bokeh"]).render_js(), script, places)
 
@@ -204,24 +202,12 @@ def _chart(
     name: str, first: ChartData, label: str, ends: tuple[float, float], axis: Literal["log", "linear"]
 ) -> figure:
     """Return a chart of one quantity; the names of its Bokeh models begin with this quantity, as in ``rate/band``."""
-    # by name, because Bokeh's type hints lack the attributes of axes and tools
-    options: dict[str, Any] = {
-        "x_axis_type": "log",
-        "y_axis_type": axis,
-        "x_axis_label": AXES[0].label,
-        "y_axis_label": label,
-        "tools": "",
-    }
-    chart = figure(
-        name=name,
-        height=HEIGHT,
-        sizing_mode="stretch_width",
-        x_range=Range1d(start=first.ends[0], end=first.ends[1]),
-        y_range=Range1d(start=ends[0], end=ends[1]),
-        title=Title(text=first.title, text_font=FONT, text_font_size="15px", text_color=INK),
-        toolbar_location=None,
-        **options,
+    heading = Title(text=first.title, text_font=FONT, text_font_size="15px", text_color=INK)
+    chart = blank_chart(
+        AXES[0].label, label, name=name, height=HEIGHT, title=heading, x_axis_type="log", y_axis_type=axis
     )
+    chart.x_range = Range1d(start=first.ends[0], end=first.ends[1])
+    chart.y_range = Range1d(start=ends[0], end=ends[1])
     band = ColumnDataSource(dict(getattr(first, name)), name=f"{name}/band")
     turn = ColumnDataSource(dict(first.turn), name=f"{name}/turn")
     add_bands(chart, band, turn)
@@ -268,8 +254,11 @@ def _fabrics(chart: figure, first: ChartData, foot: bool) -> None:
     chart.add_tools(HoverTool(renderers=[marks], tooltips=rows))
 
 
-def dress(chart: figure) -> None:
-    """Apply the style of the page to a chart."""
+def blank_chart(x: str, y: str, **options: Any) -> figure:
+    """Return a chart without contents in the style of the page, by the labels of its axes and options of Bokeh."""
+    # set by name, because Bokeh's type hints lack these attributes of axes and tools
+    usual: Any = {"sizing_mode": "stretch_width", "toolbar_location": None, "tools": ""}
+    chart = figure(**usual | {"x_axis_label": x, "y_axis_label": y} | options)
     chart.background_fill_color = chart.border_fill_color = None
     chart.outline_line_color = None
     chart.xaxis.formatter = BasicTickFormatter(use_scientific=False)
@@ -280,3 +269,4 @@ def dress(chart: figure) -> None:
         axis.axis_label_text_color = axis.major_label_text_color = INK
         axis.axis_line_color = axis.major_tick_line_color = axis.minor_tick_line_color = "#8a96a3"
     chart.grid.grid_line_color = LINES
+    return chart

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -18,14 +17,12 @@ from softness_bayes.base.files.outputs import require_outputs, write_outputs
 from softness_bayes.base.files.run_files import FABRIC_RATINGS
 from softness_bayes.base.files.spreadsheet import csv_of
 from softness_bayes.base.readable import chance, number, sentence
-from softness_bayes.checking.agreement import fabric_rating_table
-from softness_bayes.checking.check_table import check_table, doubts
-from softness_bayes.checking.identifiability import direction_table
+from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.sentences import unreproduced_sentence
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.plotting.figures import announced, figure_named, figures_of, file_of, require_figures
 from softness_bayes.plotting.panels import TINTS
-from softness_bayes.plotting.style import METADATA, USUAL, laid_out
+from softness_bayes.plotting.style import USUAL, files_of
 from softness_bayes.report import tables
 from softness_bayes.report.cards import cards
 from softness_bayes.report.charts import AXES, TURN_TINT, ChartData, chart_data, charts
@@ -63,8 +60,8 @@ class Picture(NamedTuple):
     name: str
     source: str
     caption: str
-    alternative: str = ""
-    """Alternative text for screen readers; by default the caption."""
+    alternative: str
+    """Alternative text for screen readers."""
 
 
 def write_report(
@@ -126,7 +123,6 @@ def report_page(
         finalize=unbroken,
     )
     environment.filters["opening"] = lambda said: f"{said[:1].upper()}{said[1:]}"
-    result = _with_tables(result)
     pictures = {name: picture(result, name) for name in announced((*figures_of(result), *own_figures), progress)}
     kinds = {name: kind for kind, names in FOLDED.items() for name in names}
     by_kind = {kind: [one for name, one in pictures.items() if kinds.get(name) == kind] for kind in (None, *FOLDED)}
@@ -158,15 +154,6 @@ def report_page(
         repetition=tables.repetition(result),
         command=result.provenance.asked.command,
     )
-
-
-def _with_tables(result: Result) -> Result:
-    """Return a result whose missing tables are recomputed from its draws."""
-    makers = {"directions": direction_table}
-    if result.has_ratings:
-        makers |= {"predictive_checks": check_table, FABRIC_RATINGS: fabric_rating_table}
-    missing = {name: make(result.tree) for name, make in makers.items() if name not in result.tables}
-    return replace(result, tables={**result.tables, **missing})
 
 
 def anonymous(result: Result) -> Result:
@@ -203,12 +190,10 @@ def renamed(result: Result, names: Mapping[str, str]) -> Result:
 
 def picture(result: Result, name: str) -> Picture:
     """Return a figure by its name, drawn and embedded."""
-    drawing, drawn, dpi = figure_named(name), io.BytesIO(), COARSE if name in FOLDED["sampler"] else RESOLUTION
-    figure = drawing(result, USUAL)
-    with USUAL.applied(), laid_out(figure):
-        figure.savefig(drawn, format="png", dpi=dpi, metadata=dict(METADATA["png"]))
-    source, caption = _as_link("image/png", drawn.getvalue()), sentence(drawing.shows)
-    return Picture(file_of(name), source, caption, alternative_text(result, name, caption))
+    drawing, dpi = figure_named(name), COARSE if name in FOLDED["sampler"] else RESOLUTION
+    (drawn,) = files_of(drawing(result, USUAL), name, ("png",), USUAL, dpi).values()
+    caption = sentence(drawing.shows)
+    return Picture(file_of(name), _as_link("image/png", drawn), caption, alternative_text(result, name, caption))
 
 
 def _as_link(kind: str, content: bytes) -> str:

@@ -289,13 +289,6 @@ def test_texts_in_place_of_figures_hold_the_numbers_of_the_run(made):
     assert f"to {number(rated.max())} ({rated.idxmax()})" in alternative_text(result, "rating", "")
 
 
-@pytest.mark.parametrize("name", ["ratings", "skin"])
-def test_lost_tables_are_made_again_from_the_draws(made, pages, name, quick):
-    whole = made(name)
-    again = Tree(report_page(replace(whole, tables={}))).by_id("directions").text
-    assert again == Tree(pages(name)).by_id("directions").text
-
-
 def test_compression_alone_says_what_does_not_apply(pages, made):
     tree = Tree(pages("skin"))
     heads = [card.children[0].children for card in tree.by_class("card")]

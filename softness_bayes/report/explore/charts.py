@@ -16,7 +16,7 @@ from softness_bayes.parameters.declared import KPA
 from softness_bayes.plotting.panels import title
 from softness_bayes.plotting.style import USUAL
 from softness_bayes.plotting.touch import SEEN
-from softness_bayes.report.charts import INK, add_bands, add_ratings, dress, plain_ticks
+from softness_bayes.report.charts import INK, add_bands, add_ratings, blank_chart, plain_ticks
 from softness_bayes.report.explore.picture import Picture
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class Charts:
             self.figures["rating"] = self._curves("rating", subject.rated.scale.label, subject.rated.scale.axis)
             add_ratings(self.figures["rating"], self.sources["data"])
         rate = "firing rate of a receptor [Hz]"
-        firing = _figure("distance from the contact's axis [mm]", rate, title="Receptors by distance")
+        firing = _chart("distance from the contact's axis [mm]", rate, title="Receptors by distance")
         firing.line("x", "rate", source=self.sources["firing"], color=INK, line_width=2)
         self.colours = LinearColorMapper(palette=Viridis256, low=0.0, high=1.0)
         self.figures |= {"firing": firing, "pad": self._pad()}
@@ -120,7 +120,7 @@ class Charts:
 
     def _curves(self, name: str, label: str, axis: str) -> figure:
         """Return the chart of the response or of the rating against the modulus."""
-        chart = _figure(MODULUS_WORDS, label, x_axis_type="log", y_axis_type=axis)
+        chart = _chart(MODULUS_WORDS, label, x_axis_type="log", y_axis_type=axis)
         chart.x_range = Range1d(start=self.subject.ends[0] / KPA, end=self.subject.ends[1] / KPA)
         if self.subject.rated is not None:
             add_bands(chart, self.sources[f"{name}/band"], self.sources[f"{name}/turn"])
@@ -136,7 +136,7 @@ class Charts:
     def _pad(self) -> figure:
         """Return the chart of receptors on the pad, to scale."""
         long, wide = self.subject.finger.pad_length * 1e3, self.subject.finger.pad_width * 1e3
-        chart = _figure("along the finger [mm]", "across [mm]", sizing_mode="fixed", title="Receptors of the pad")
+        chart = _chart("along the finger [mm]", "across [mm]", sizing_mode="fixed", title="Receptors of the pad")
         chart.width = min(round(219 * long / wide), 420) + 122  # 219: height of the frame; 122: axis and colours
         chart.x_range, chart.y_range = Range1d(start=0.0, end=long), Range1d(start=0.0, end=wide)
         drawn: Any = {"size": 6, "line_color": USUAL.absent, "line_width": 0.5}
@@ -148,12 +148,9 @@ class Charts:
         return chart
 
 
-def _figure(x: str, y: str, **options: Any) -> figure:
-    # set by name, because Bokeh's type hints lack these attributes of axes and tools
-    usual: Any = {"title": "", "height": 290, "sizing_mode": "stretch_width", "toolbar_location": None, "tools": ""}
-    usual |= {"x_axis_label": x, "y_axis_label": y, "y_range": Range1d(start=0.1, end=1.0)}
-    chart = figure(**usual | options)
-    dress(chart)
+def _chart(x: str, y: str, **options: Any) -> figure:
+    chart = blank_chart(x, y, **{"title": "", "height": 290} | options)
+    chart.y_range = Range1d(start=0.1, end=1.0)
     return chart
 
 

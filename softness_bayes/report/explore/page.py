@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from html import escape
 from typing import Any
@@ -177,14 +176,10 @@ def _legend(run: bool) -> str:
 def _in_words(words: list[str], touch: Picture) -> str:
     """Return sentences, the quantities of a touch as a table, and the command that reproduces them."""
     told = "".join(f"<p>{escape(one)}</p>" for one in words)
-    rows = "".join(
-        f"<tr><td style='padding-right: 2em'>{escape(name)}</td><td>{_shown_number(touch.chosen, quantity)}</td></tr>"
-        for quantity, name in QUANTITIES.items()
-        if quantity in touch.chosen
-    )
+    rows = ""
+    for name in (name for name in QUANTITIES if name in touch.chosen):
+        value = touch.chosen[name]
+        shown = f"{value:.4g}" if np.isfinite(value) else "none: no receptor fires"
+        rows += f"<tr><td style='padding-right: 2em'>{escape(QUANTITIES[name])}</td><td>{shown}</td></tr>"
     repeat = f"<p><b>{REPEAT}</b></p><pre style='{WRAPPED}'>{escape(touch.command)}</pre>"
     return f"{told}<b>{escape(touch.fabric)}</b><table>{rows}</table>{repeat}"
-
-
-def _shown_number(values: Mapping[str, float], name: str) -> str:
-    return f"{values[name]:.4g}" if np.isfinite(values[name]) else "none: no receptor fires"
