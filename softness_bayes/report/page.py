@@ -43,12 +43,12 @@ TITLE = "Report of a run"
 REPORT = "report"
 """Command under which the page is listed in the record of written files."""
 
-FOLDED = {
-    "charts": ("rating", "rating_ratio", "response", "response_ratio"),
-    "checks": ("predictive_checks", "category_counts", "psychometric", "loo_pit"),
-    "sampler": ("trace", "rank"),
+SECTIONS = {
+    **dict.fromkeys(("rating", "rating_ratio", "response", "response_ratio"), "charts"),
+    **dict.fromkeys(("predictive_checks", "category_counts", "psychometric", "loo_pit"), "checks"),
+    **dict.fromkeys(("trace", "rank"), "sampler"),
 }
-"""Figures that replace the interactive charts in print and without scripts, those of checks, and of the sampler."""
+"""Sections of figures that replace the interactive charts in print and without scripts, of checks, of the sampler."""
 
 PEOPLE = ("participant", "finger")
 """Axes and columns with names of people."""
@@ -62,6 +62,8 @@ class Picture(NamedTuple):
     caption: str
     alternative: str
     """Alternative text for screen readers."""
+    section: str
+    """Section of the page, from `SECTIONS`; by default what was learnt."""
 
 
 def write_report(
@@ -123,33 +125,20 @@ def report_page(
         finalize=unbroken,
     )
     environment.filters["opening"] = lambda said: f"{said[:1].upper()}{said[1:]}"
-    pictures = {name: picture(result, name) for name in announced((*figures_of(result), *own_figures), progress)}
-    kinds = {name: kind for kind, names in FOLDED.items() for name in names}
-    by_kind = {kind: [one for name, one in pictures.items() if kinds.get(name) == kind] for kind in (None, *FOLDED)}
-    ending, rated = result.provenance.ending, result.has_ratings
     return environment.get_template("report.html").render(
         generator=GENERATOR,
         title=title or TITLE,
         author=author,
         subject=subject(result),
-        converged=ending.converged,
-        quick=ending.quick,
+        ending=result.provenance.ending,
         faults=result.faults,
-        verdict=ending.verdict,
         conclusion=conclude(facts_of(result)),
         findings=cards(result),
-        has_ratings=rated,
-        **(_switched(result) if rated else {}),
-        replaced=by_kind["charts"],
-        pictures=by_kind[None],
-        checking=by_kind["checks"],
-        sampling=by_kind["sampler"],
-        inflection=tables.of_turning_points(result) if rated else None,
+        has_ratings=result.has_ratings,
+        **(_of_ratings(result) if result.has_ratings else {}),
+        pictures=[picture(result, name) for name in announced((*figures_of(result), *own_figures), progress)],
         parameters=tables.of_parameters(result),
         directions=tables.of_directions(result),
-        checks=tables.of_checks(result) if rated else None,
-        rated=tables.of_fabrics(result) if rated else None,
-        rated_data=_as_link("text/csv;charset=utf-8", csv_of(result.tables[FABRIC_RATINGS]).encode()) if rated else "",
         provenance=tables.of_provenance(result),
         repetition=tables.repetition(result),
         command=result.provenance.asked.command,
@@ -190,10 +179,11 @@ def renamed(result: Result, names: Mapping[str, str]) -> Result:
 
 def picture(result: Result, name: str) -> Picture:
     """Return a figure by its name, drawn and embedded."""
-    drawing, dpi = figure_named(name), COARSE if name in FOLDED["sampler"] else RESOLUTION
+    drawing, section = figure_named(name), SECTIONS.get(name, "learnt")
+    dpi = COARSE if section == "sampler" else RESOLUTION
     (drawn,) = files_of(drawing(result, USUAL), name, ("png",), USUAL, dpi).values()
-    caption = sentence(drawing.shows)
-    return Picture(file_of(name), _as_link("image/png", drawn), caption, alternative_text(result, name, caption))
+    source, caption = _as_link("image/png", drawn), sentence(drawing.shows)
+    return Picture(file_of(name), source, caption, alternative_text(result, name, caption), section)
 
 
 def _as_link(kind: str, content: bytes) -> str:
@@ -201,12 +191,16 @@ def _as_link(kind: str, content: bytes) -> str:
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
-def _switched(result: Result) -> dict[str, Any]:
-    """Return the interactive charts, the options of their switches, and the data of all options."""
+def _of_ratings(result: Result) -> dict[str, Any]:
+    """Return tables of ratings, the interactive charts, the options of their switches, and the data of all options."""
     every = chart_data(result)
     flat = [one for loads in every.values() for one in loads]
     drawn = charts(every[AXES[0].name][0], flat, result.scale)
     return {
+        "inflection": tables.of_turning_points(result),
+        "checks": tables.of_checks(result),
+        "rated": tables.of_fabrics(result),
+        "rated_data": _as_link("text/csv;charset=utf-8", csv_of(result.tables[FABRIC_RATINGS]).encode()),
         "charts": drawn,
         "style": USUAL,
         "tints": TINTS,
