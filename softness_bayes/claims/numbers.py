@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import stdtrit
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.checking.inflection import Curves, find_inflection, response_curves
@@ -191,7 +191,7 @@ class Bench:
             rated = np.isfinite(rating)
             if rated.sum() > 2:
                 slope[:, k] = pearson(rating[rated], rate[:, k, rated])
-                t = stats.t.ppf(0.975, rated.sum() - 2)
+                t = stdtrit(rated.sum() - 2, 0.975)
                 needed[:, k] = t / np.hypot(t, np.sqrt(rated.sum() - 2))
         return {
             "growth": growth,
