@@ -48,7 +48,9 @@ def upside_down():
 @pytest.fixture
 def plain(monkeypatch):
     """Draw no figure of a page."""
-    monkeypatch.setattr(page, "picture", lambda _, name: page.Picture(name, "data:image/png;base64,", name))
+    monkeypatch.setattr(
+        page, "picture", lambda _, name: page.Picture(name, "data:image/png;base64,", name, name, "learnt")
+    )
 
 
 def test_a_readout_against_its_data_says_so_first_and_is_never_green(upside_down, plain, capsys, tmp_path):

@@ -113,7 +113,8 @@ def pages(made):
 
 
 def blank(result, name):
-    return page.Picture(name, "data:image/png;base64,", f"Blank {name}.")
+    section = page.SECTIONS.get(name, "learnt")
+    return page.Picture(name, "data:image/png;base64,", f"Blank {name}.", f"Blank {name}, in words.", section)
 
 
 @pytest.fixture
