@@ -11,6 +11,8 @@ through exact values represents. E_star itself is smooth in ln b and is interpol
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
@@ -21,8 +23,10 @@ from softness_bayes.touch.finger_grid import FingerGrid, FingerSpreads, SkinLaws
 from softness_bayes.touch.neuron.polynomials import clenshaw
 from softness_bayes.touch.parameters import TouchParameters, checked_rows
 from softness_bayes.touch.population import Drive
-from softness_bayes.touch.scene import Scene
 from softness_bayes.touch.stress_fields import StressFields
+
+if TYPE_CHECKING:
+    from softness_bayes.touch.scene import Scene
 
 Array = NDArray[np.float64]
 
