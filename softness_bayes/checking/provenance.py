@@ -171,7 +171,7 @@ class NumericalErrors:
     exactness_efficiency: float
     exactness_pareto_k: float
     exact_enough: bool
-    """Whether the error of the fast model is known to be negligible; false if it was not compared (sd NaN)."""
+    """True if the error of the fast model is known to be negligible; false if it was not compared (sd NaN)."""
     exact_reweight: bool
     inflection_least_drop: float
     """As `Provenance.least_drop`."""

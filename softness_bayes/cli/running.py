@@ -5,13 +5,12 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.base.arviz_bridge import without
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.files.command_line import portable
 from softness_bayes.base.readable import number, percent
@@ -58,9 +57,7 @@ def reading(*directories: Path, trust_code: bool) -> Iterator[list[Result]]:
     """
     from softness_bayes.results.result import Result
 
-    # Dask, if it is installed, takes xarray a second to import
-    with nullcontext() if "xarray" in sys.modules else without("dask"):
-        results = [Result.load(directory, trust_code=trust_code) for directory in directories]
+    results = [Result.load(directory, trust_code=trust_code) for directory in directories]
     try:
         yield results
     except KeyError as error:
