@@ -186,7 +186,7 @@ class Settings:
             state = _learn(target, state)
         if self.in_pilot(state) or not state.steps:
             return state
-        if state.steps == state.due:
+        if state.steps >= state.due:
             state = self._checked(target, state)
         last = state.verdict if state.verdict is not None and state.verdict.steps == state.steps else None
         if late or state.steps + state.stride > self.max_steps:
