@@ -305,19 +305,33 @@ class Table:
         return by_cell
 
     def start(self, given: Given) -> FloatArray:
-        """Return effects near the mode, (draws, effects): those of normal rows, only scales and level not 0.
+        """Return effects near the mode, (draws, effects): those of normal rows, one after the other, fabrics' 0.
 
         An interval counts as its middle, with the variance that rounding to it adds.
         """
-        shape = len(given.drive), self.n_raters
+
+        def add(values: FloatArray) -> FloatArray:
+            return np.asarray(np.add.reduceat(values, self.first, axis=-1))
+
+        shape, k = (len(given.drive), self.n_raters), 1
         middle, width = given.middles
         weight = self.trust / (given.spread**2 + width**2 / 12.0)
-        precision = np.add.reduceat(weight, self.first, axis=-1)
-        mean = np.add.reduceat(weight * (middle - given.drive), self.first, axis=-1) / precision - self.centre
+        precision = add(weight)
+        mean = add(weight * (middle - given.drive)) / precision - self.centre
         kept = precision / (1.0 + given.tau**2 * precision)
         level = self.spread * (kept * mean).sum(axis=-1) / (1.0 + self.spread**2 * kept.sum(axis=-1))
         own = np.zeros((*shape, len(given.effects)))
         own[..., 0] = given.tau * kept * (mean - self.spread * level[:, None])
+        if len(given.effects) > 1:
+            left = middle - given.drive - (self.mu(level)[:, None] + given.tau * own[..., 0])[:, self.rater]
+            if (tau := given.tau_gamma) is not None:
+                about = given.drive - (add(weight * given.drive) / precision)[:, self.rater]
+                own[..., k] = tau * add(weight * left * about) / (1.0 + tau**2 * add(weight * about**2))
+                left, k = left - (tau * own[..., k])[:, self.rater] * about, k + 1
+            if (tau := given.tau_varsigma) is not None:
+                number = add(self.trust)
+                excess = np.log((add(weight * left**2) + 1.0) / (number + 1.0))
+                own[..., k] = tau * number * excess / (1.0 + 2.0 * tau**2 * number)
         fabric = np.zeros((shape[0], 0 if given.omega is None else self.n_fabrics))
         return np.concatenate([level[:, None], own.reshape(shape[0], -1), fabric], axis=1)
 
