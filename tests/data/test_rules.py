@@ -497,7 +497,7 @@ def test_spss_files_are_read_with_their_labels(file, tmp_path):
         (b"PAR1 junk", "not a Parquet file that can be read"),
         (b"\x1f\x8b\x08\0", "a compressed file that cannot be unpacked"),
         (b"version https://git-lfs.github.com/spec/v1", "this is a pointer to a file that is not downloaded"),
-        (gzip.compress(b"X\n\0\0\0\3"), "this is a file of R"),
+        (gzip.compress(b"X\n\0\0\0\3", mtime=0), "this is a file of R"),
         (b'{"a": 1}', "JSON, expected a list of records"),
     ],
 )
