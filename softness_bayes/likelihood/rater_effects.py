@@ -287,14 +287,18 @@ class Table:
             if points.shared:
                 value = (value.reshape(-1, rows) @ self._times).reshape(*value.shape[:2], -1)
             else:
-                value = np.add.reduceat(value[..., self.equal], self.first, axis=-1)
+                value = self.by_rater(value[..., self.equal])
             each.append(np.swapaxes(value, -1, -2))
         return np.concatenate(each, axis=-1)
+
+    def by_rater(self, values: FloatArray) -> FloatArray:
+        """Return the sums of rows (..., rows) of each rater in double precision, shape (..., raters)."""
+        return np.asarray(np.add.reduceat(values, self.first, axis=-1, dtype=float))
 
     def _summing(self, given: Given) -> Any:
         """Return a function that adds rows (draws, rows) by rater, or by rater and fabric if fabrics deviate."""
         if given.omega is None:
-            return lambda values: np.add.reduceat(values, self.first, axis=-1, dtype=float)
+            return self.by_rater
 
         def by_cell(values: FloatArray) -> FloatArray:
             found = np.zeros((len(values), self.n_raters * self.n_fabrics))
@@ -309,11 +313,7 @@ class Table:
 
         An interval counts as its middle, with the variance that rounding to it adds.
         """
-
-        def add(values: FloatArray) -> FloatArray:
-            return np.asarray(np.add.reduceat(values, self.first, axis=-1))
-
-        shape, k = (len(given.drive), self.n_raters), 1
+        shape, k, add = (len(given.drive), self.n_raters), 1, self.by_rater
         middle, width = given.middles
         weight = self.trust / (given.spread**2 + width**2 / 12.0)
         precision = add(weight)
@@ -347,19 +347,17 @@ class NormalTable(Table):
         super().__init__(*how)
         self._mean = self._means(values)
         self._apart = values - self._mean[self.rater]
-        self._squares = np.add.reduceat(self._apart**2, self.first)
+        self._squares = self.by_rater(self._apart**2)
 
     def _means(self, values: FloatArray) -> FloatArray:
-        return np.asarray(np.add.reduceat(values, self.first, axis=-1) / self.count)
+        return self.by_rater(values) / self.count
 
     def with_moments(self, given: Given) -> Given:
         """Return the same with `Given.moments`."""
         mean = self._means(given.drive)
         apart = given.drive - mean[:, self.rater]
-        products = np.add.reduceat(apart * self._apart, self.first, axis=-1)
-        return replace(
-            given, moments=np.stack([mean, products, np.add.reduceat(apart**2, self.first, axis=-1)], axis=-1)
-        )
+        products = self.by_rater(apart * self._apart)
+        return replace(given, moments=np.stack([mean, products, self.by_rater(apart**2)], axis=-1))
 
     def sums(self, given: Given, effects: UnitEffects) -> Sums:
         """Return the sums over rows given all effects."""

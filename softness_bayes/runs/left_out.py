@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,8 +76,7 @@ def _by_rating(result: Result, _: Refits) -> LeftOut:
     if not result.scale.answer:
         return _stored(result, "log_likelihood", "rating")
     fitted = Fitted(result, _WEIGHTED)
-    at = fitted.posterior.response(fitted.theta), fitted.posterior.rating_parameters(fitted.theta)
-    return leave_by_weights(fitted.posterior.observation.log_likelihood_answers(*at))
+    return leave_by_weights(fitted.posterior.observation.log_likelihood_answers(*_at_draws(fitted)))
 
 
 def _by_response(result: Result, _: Refits) -> LeftOut:
@@ -90,6 +89,11 @@ def _by_response(result: Result, _: Refits) -> LeftOut:
 def _stored(result: Result, group: str, name: str) -> LeftOut:
     values = result.group(group)[name].values
     return leave_by_weights(values.reshape(-1, values.shape[-1]))
+
+
+def _at_draws(fitted: Fitted) -> tuple[Array, Any]:
+    """Return mean rates and rating parameters at the draws to be weighted, in one batch."""
+    return fitted.posterior.response(fitted.theta), fitted.posterior.rating_parameters(fitted.theta)
 
 
 def _by_fabric(result: Result, refits: Refits) -> LeftOut:
@@ -107,8 +111,7 @@ def _by_condition(result: Result, refits: Refits) -> LeftOut:
     ratings = fitted.model.data.ratings
     group, pairs = ratings.conditions.of_rating, zip(ratings.conditions.fabric, ratings.conditions.load, strict=True)
     names = [f"{ratings.fabrics[fabric]} at {ratings.loads[load]}" for fabric, load in pairs]
-    at = fitted.posterior.response(fitted.theta), fitted.posterior.rating_parameters(fitted.theta)
-    left = leave_by_weights(fitted.posterior.observation.log_likelihood_blocks(*at, group))
+    left = leave_by_weights(fitted.posterior.observation.log_likelihood_blocks(*_at_draws(fitted), group))
     return _refitted(fitted.posterior, "condition", group, names, left, seed, refits)
 
 
