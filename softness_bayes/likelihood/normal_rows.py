@@ -26,6 +26,7 @@ from softness_bayes.likelihood.pieces import backward, cholesky, forward, log_de
 LEAST_VARIANCE = 1e-20
 """Far below that of any rating."""
 _REFINED = 2  # Newton steps: the first is exact up to rounding errors, which the other removes
+_SPARSE = 0.2  # below this share of numbers that are not 0, products of sparse matrices are faster
 _SWEEPS = 50  # of the least-squares fit; what is left is small, and is allowed for exactly
 
 
@@ -85,7 +86,8 @@ class _Alike(NamedTuple):
 
     rows: FloatArray  # of each participant of a group, (groups,)
     number: FloatArray  # of participants, (groups,)
-    shares: FloatArray  # of the conditions in the rows, (groups, conditions)
+    shares: FloatArray | csr_array  # of the conditions in the rows, (groups, conditions); sparse if most are 0
+    turned: FloatArray | csr_array  # their transpose
     mean: FloatArray  # of the participants' means about the fit, (groups,)
     squares: FloatArray  # sum of the squared deviations of their means from it, (groups,)
     best: FloatArray  # the fit, (conditions,)
@@ -136,7 +138,10 @@ class NormalRows:
         number, own = np.bincount(group).astype(float), patterns.sum(axis=1)
         mean = np.bincount(group, means) / number
         squares = np.bincount(group, (means - mean[group]) ** 2).astype(float)
-        return _Alike(own, number, patterns / own[:, None], mean, squares, fit, every, slope, constant)
+        shares = patterns / own[:, None]
+        dense = np.count_nonzero(shares) > _SPARSE * shares.size
+        shares, turned = (shares, shares.T) if dense else (csr_array(shares), csr_array(shares.T))
+        return _Alike(own, number, shares, turned, mean, squares, fit, every, slope, constant)
 
     def of_person(self, values: FloatArray, axis: int = -1) -> FloatArray:
         """Return sums over each participant's pairs of participant and condition, which are adjacent."""
@@ -203,20 +208,21 @@ class NormalRows:
         About the least-squares fit, the sum of squares within participants is ``constant - 2 d' slope + d' L d`` with d
         the expectations less those of the fit, and L = diag(every) less the participants' means, so that L 1 = 0.
         """
-        rows, number, shares, mean, squares, best, every, slope, constant = self._alike
+        rows, number, shares, turned, mean, squares, best, every, slope, constant = self._alike
         variance, away, many = law.variance[..., 0], law.offset - best, rows * number
         of_sum = variance[..., None] + rows * law.participant[..., None] ** 2
         weight = many / of_sum
         x = law.shared
-        means, centred = shares @ x, x - (every @ x)[..., None, :] / self.n_rows
-        apart = shares @ centred
+        means, middle = _turned(_summed(shares, _turned(x))), (every @ x)[..., None, :] / self.n_rows
+        centred, apart = x - middle, means - middle
         within = _turned(centred) @ (every[:, None] * centred) - _turned(apart) @ (many[:, None] * apart)
         between = _turned(means) @ (weight[..., None] * means)
 
         def residual(u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
             d = away + _times(x, u)
-            gap, d = mean - d @ shares.T, d - (d @ every / self.n_rows)[..., None]
-            return d, slope - every * d + (d @ shares.T * many) @ shares, gap
+            of_group, middle = _summed(shares, d), (d @ every / self.n_rows)[..., None]
+            d = d - middle
+            return d, slope - every * d + _summed(turned, (of_group - middle) * many), mean - of_group
 
         def pull(u: FloatArray) -> FloatArray:
             _, left, gap = residual(u)
@@ -346,6 +352,12 @@ def _solved(information: FloatArray, pull: Callable[[FloatArray], FloatArray]) -
 def _columns(*factors: FloatArray) -> Any:
     """Return the rows of factors (B, effects, columns) one by one."""
     return zip(*(np.moveaxis(factor, 1, 0) for factor in factors), strict=True)
+
+
+def _summed(weights: FloatArray | csr_array, values: FloatArray) -> FloatArray:
+    """Return sums of values (..., columns) with weights (rows, columns), which may be sparse."""
+    found = weights @ values.reshape(-1, values.shape[-1]).T
+    return np.asarray(found).T.reshape(*values.shape[:-1], -1)
 
 
 def _turned(matrix: FloatArray) -> FloatArray:

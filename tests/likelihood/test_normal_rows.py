@@ -33,6 +33,11 @@ def alike(rng):
     return np.vstack([kinds, np.zeros((1, 12))])[[1, 3, 0, 1, 2, 0, 1, 3, 0]]
 
 
+def measured(rng):
+    """Every touch has a load of its own, so that hardly any cell has a rating."""
+    return np.eye(30)[np.arange(6) * 5][:, rng.permutation(30)] + np.repeat(np.eye(6), 5, axis=1)
+
+
 def single(rng):
     """One rating."""
     return np.eye(1, 6)
@@ -78,7 +83,7 @@ def given(mean, covariance, values, part):
 
 @pytest.mark.parametrize("uneven", [False, True])
 @pytest.mark.parametrize("effects", [level, fabrics, slopes])
-@pytest.mark.parametrize("table", [complete, gaps, apart, alike, single])
+@pytest.mark.parametrize("table", [complete, gaps, apart, alike, measured, single])
 def test_every_density_is_that_of_the_dense_law(rng, table, effects, uneven):
     design = design_of(table(rng))
     values = 3.0 + 0.8 * rng.standard_normal(design.n_rows)
