@@ -67,7 +67,8 @@ class Settings:
     relearning
         Number of times that a slow run may become one more stage of the pilot.
     slow
-        Retained steps, in autocorrelation times, below which a run is slow.
+        Retained steps, in autocorrelation times, below which a run is slow: about half of what convergence requires.
+        A map learnt from all that has been walked then usually saves more steps than are dropped.
     round_steps
         The first check is made after twice this number of steps, the others at multiples of a quarter of it.
     stored
@@ -99,7 +100,7 @@ class Settings:
 
     pilot: tuple[int, ...] = (100, 200)
     relearning: int = 4
-    slow: float = 3.0
+    slow: float = 5.0
     round_steps: int = 100
     stored: int = 20_000
     goal: Goal = field(default_factory=Goal)
