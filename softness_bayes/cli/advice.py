@@ -164,12 +164,15 @@ def _sampled(match: re.Match[str], typed: Sequence[str]) -> list[str]:
     return [PROGRAM, "demo"] if ratings is None else [PROGRAM, "sample", "--data", ratings, "--out", vacant(home)]
 
 
+# not for 1,234 between commas, which rather has thousands
+_DECIMAL = r"with --decimal \. or --decimal ,|got '(?![0-9]{1,3},[0-9]{3}')[^;]*; if commas are decimal marks"
+
 ADVICE: Sequence[tuple[str, Callable[[re.Match[str], Sequence[str]], list[str]]]] = (
     (r"no columns? .*'rating'", _other_kind),
     (r"the fabrics have no properties", _fabrics),
-    (r"no load column|no load: give", _load),
+    (r"no load column(?!.*, as to ')|no load: give", _load),
     (r"add --ratings (\w+)", lambda match, typed: _add(typed, "--ratings", match[1])),
-    (r"with --decimal \. or --decimal ,|if commas are decimal marks", lambda _, typed: _add(typed, "--decimal", ",")),
+    (_DECIMAL, lambda _, typed: _add(typed, "--decimal", ",")),
     (r"leave these out with --drop-zeros", lambda _, typed: _add(typed, "--drop-zeros")),
     (r"^(.+): is not empty", _elsewhere),
     (r"^(.+): no such file; expected the posterior.nc of a run", _sampled),

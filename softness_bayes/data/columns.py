@@ -99,6 +99,7 @@ NUMBERS: dict[str, Column] = {}
 def _number(name: str, label: str, unit: str = "", range: Range = ANY, reason: str = "") -> Column:
     """Declare a column of numbers; without a unit, a ratio."""
     quantities = {"": "ratio", "mm": "length", "N": "force", "kPa": "pressure", "MPa": "pressure", "N m": "rigidity"}
+    quantities |= {"s": "time", "Hz": "frequency", "1/m": "curvature"}
     NUMBERS[name] = Column(name, label, unit, quantities.get(unit, ""), range, reason)
     return NUMBERS[name]
 
@@ -346,20 +347,24 @@ WORDS_FOR_RATINGS = frozenset(
 _HARD = frozenset(
     _words(
         "hard, harder, hardness, stiff, stiffness, firm, firmness, hart, härte, steifigkeit, dur, dureté, rigidité, "
-        "duro, dureza, durezza, 硬さ, かたさ"
+        "duro, dureza, durezza, 硬さ, かたさ, 硬い, かたい, 固い, 硬"
     )
 )
 """Words in the title of a column of ratings that are higher for harder."""
-ANCHOR = re.compile(r"([0-9]+)\s*[=:]\s*(?:very|extremely|completely)?\s*([^\W\d]+)|([^\W\d]+)\s*[=:]\s*([0-9]+)")
+_SOFT = frozenset(_words("soft, softest, weich, doux, douce, mou, suave, blando, morbido, 柔らかい, やわらかい, 柔软"))
+_NOT = frozenset(_words("not, least, nicht, pas, non, no"))
+ANCHOR = re.compile(r"([0-9]+)\s*[=:]\s*([^\W\d]+(?:\s+[^\W\d]+)*)|([^\W\d]+)\s*[=:]\s*([0-9]+)")
 """An end of a scale in a title, such as `7 = very soft`."""
 
 
 def is_reversed(title: str) -> bool:
     """Return whether the title of ratings says that higher ones are harder: hardness, or an end such as 7 = hard."""
-    ends = {key(m[2] or m[3]): int(m[1] or m[4]) for m in ANCHOR.finditer(title)}
-    hard = [ends[word] for word in _HARD & ends.keys()]
-    if hard and len(ends) > 1:
-        return max(hard) == max(ends.values())
+    ends = [({*key(m[2] or m[3]).split()}, int(m[1] or m[4])) for m in ANCHOR.finditer(title)]
+    for end, number in ends:
+        if end & (_HARD | _SOFT):
+            hard = bool(end & _HARD) != bool(end & _NOT)
+            # of an end alone, 0 and 1 are the lower one
+            return hard == (number > 1 if len(ends) == 1 else number == max(n for _, n in ends))
     # the last word is the upper end, as in `soft - hard`
     words = [word for word in key(title).split() if word in _HARD or word.startswith("soft")]
     return bool(words) and words[-1] in _HARD

@@ -10,9 +10,19 @@ import numpy as np
 
 from softness_bayes.base.errors import quoted
 from softness_bayes.base.readable import counted
-from softness_bayes.data.columns import NUMBERS, PERHAPS_SUMMARIES, SOFTNESS, holds_cells, summarises
+from softness_bayes.data.columns import NUMBERS, PERHAPS_SUMMARIES, SOFTNESS, holds_cells, quantity_of, summarises
 from softness_bayes.data.tables import FloatArray, Table, grouped
-from softness_bayes.data.texts import SheetNumber, identity, is_missing, listing, looks_numeric, natural, short
+from softness_bayes.data.texts import (
+    FAR,
+    MISSING_CODE,
+    SheetNumber,
+    identity,
+    is_missing,
+    listing,
+    looks_numeric,
+    natural,
+    short,
+)
 from softness_bayes.data.titles import bag, key
 
 _DESIGN = ("fabric", "fabric_2", "indentation_mm", "force_n", "session", "trial", "list")
@@ -31,15 +41,21 @@ def with_percentages(table: Table) -> Table:
 
 
 _PRACTICE = re.compile(
-    "(practi[cs]e|training)( trials?)?|warm ?up|(survey )?preview|survey test|übung(sdurchgang)?|entraînement|練習"
+    "((practi[cs]e|training)( trials?)?|warm ?up|(survey )?preview|survey test|übung(sdurchgang)?|entraînement|練習)"
+    " ?[0-9]*"
 )
+_OF_PRACTICE = re.compile("(is )?(practi[cs]e|warm ?up)( trial)?")
+"""Titles of columns that say of each row whether it is practice; `training` may be that of a person."""
+_YES = frozenset({"1", "yes", "true", "x", "ja", "oui"})
 
 
 def without_practice(table: Table) -> Table:
     """Leave out rows that a column of sessions or trials, or an unused one, calls practice, or a loop of it made."""
     for title in [*(table.titles[name] for name in ("session", "trial") if name in table), *table.others]:
         loop = _PRACTICE.match(title.casefold()) and ".this" in title  # PsychoPy's practice.thisN
-        left = [i for i, text in enumerate(table.cells[title]) if (loop and text) or _PRACTICE.fullmatch(key(text))]
+        told = _YES if _OF_PRACTICE.fullmatch(key(title)) else ()
+        cells = [*map(key, table.cells[title])]
+        left = [i for i, text in enumerate(cells) if (loop and text) or text in told or _PRACTICE.fullmatch(text)]
         if 0 < len(left) < len(table):
             return table.without(left, f"practice by column {quoted(title)}, left out")
     return table
@@ -47,8 +63,8 @@ def without_practice(table: Table) -> Table:
 
 _MARKED = (
     (
-        re.compile("excluded?|exclusion|outliers?|invalid|ausgeschlossen|exclue?|除外"),
-        {"1", "yes", "true", "x", "ja", "oui"},
+        re.compile("excluded?|exclusion|outliers?|invalid|(is )?catch( trial)?|ausgeschlossen|exclue?|除外"),
+        _YES,
     ),
     (re.compile("included?|valid|keep|finished|completed?"), {"0", "no", "false", "nein", "non"}),
 )
@@ -70,8 +86,8 @@ _ATTRIBUTES = re.compile(
     "|skala|attributo|atributo|属性|項目)s?( name| text| label)?"
 )
 _PERSONAL = re.compile(
-    "group|site|lab|laboratory|cent(re|er)|country|gender|sex|age|class|school|cohort|gruppe|labor|geschlecht|alter"
-    "|groupe|sexe|grupo|gruppo|性別|年齢|性别|年龄"
+    "group|site|lab|laboratory|cent(re|er)|country|gender|sex|age|class|school|cohort|study|experiment|gruppe|labor"
+    "|studie|geschlecht|alter|groupe|étude|sexe|grupo|estudio|gruppo|studio|性別|年齢|実験|性别|年龄|实验"
 )
 """Titles of columns in which a person has one text."""
 
@@ -135,7 +151,7 @@ _CHANCE = 1e-5
 
 def without_statistics(table: Table) -> Table:
     """Leave out rows that are statistics of other rows: by their names, or by all of their numbers."""
-    for name in ("participant", "fabric"):
+    for name in ("participant", "fabric", "afferent"):
         texts = table.texts(name)
         left = [i for i, text in enumerate(texts) if summarises(text)]
         if 0 < len(left) < len(table):
@@ -331,6 +347,29 @@ def with_equal_people_named(table: Table) -> Table:
     return table
 
 
+def with_copied_measurements_named(table: Table) -> Table:
+    """Say that every measurement of a finger or an afferent is there again, as in a file that was added twice."""
+    rows = [*zip(*(texts for title, texts in table.cells.items() if title not in ("sheet", "")), strict=True)]
+    count = Counter(rows)
+    groups = table.grouped("participant", "afferent").values()
+    again = [i for own in groups if len(own) > 2 and all(count[rows[i]] > 1 for i in own) for i in own]
+    note = "every one is there again, equal in all columns: are rows copied?"
+    return table.noted(f"looks wrong: {table.lines(again)}: {note}") if again else table
+
+
+def with_codes_named(table: Table) -> Table:
+    """Say that a measured number may be a code for a missing one, because no other is near it."""
+    for name in (name for name in table.titles if quantity_of(name) not in ("", "ratio")):
+        values, texts = np.abs(table.plainly(name)), table.texts(name)
+        code = np.array([MISSING_CODE.fullmatch(text) is not None for text in texts])
+        largest = np.max(values, initial=0.0, where=~code & ~np.isnan(values))
+        if codes := np.flatnonzero(code & (values / FAR >= largest)).tolist() if largest else []:
+            place = f"{table.lines(codes)}, column {quoted(table.title(name))}"
+            note = f"{texts[codes[0]]} looks like a code for a missing number, because no other is near it"
+            table = table.noted(f"looks wrong: {place}: {note}; leave such cells empty")
+    return table
+
+
 def _chances_of_equal(table: Table, rows: Sequence[int], distinct: Sequence[int]) -> list[float]:
     """Return the probability, roughly, that a rating is given again for the same touch.
 
@@ -404,8 +443,18 @@ def without_noise(table: Table) -> Table:
     return table.without(noise.tolist(), note) if noise.size else table
 
 
+_UNLOADING = re.compile("unload(ing)?|(re)?traction|retract(ing)?|withdrawal|backward|entlastung|décharge|除荷")
+
+
 def without_unloading(table: Table) -> Table:
-    """Leave out the rows on which a plate moves back after it was pressed in: forces are those of loading."""
+    """Leave out the rows on which a plate moves back after it was pressed in: forces are those of loading.
+
+    A column says so, such as `phase`, or the indentations show it.
+    """
+    for title, cells in table.others.items():
+        named = [i for i, text in enumerate(cells) if _UNLOADING.fullmatch(key(text))]
+        if 0 < len(named) < len(table):
+            return table.without(named, f"the plate moves back there by column {quoted(title)}, left out")
     depth = table.plainly("indentation_mm")
     left: list[int] = []
     for press in table.grouped("participant", "indentor").values():

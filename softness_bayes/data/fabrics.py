@@ -265,7 +265,8 @@ class Fabrics(OneTable):
     def from_table(cls, table: Table, repeated: bool = False) -> Fabrics:
         """Return the fabrics of a table; in a table of ratings (`repeated`) the rows of a fabric must agree."""
         labels = table.labels("fabric")
-        if not any(column.name in table for column in MODULUS_SOURCES):
+        named = [column for column in MODULUS_SOURCES if column.name in table]
+        if not named or (named == [TENSILE_MODULUS] and THICKNESS.name not in table):
             table.lack(f"no column for moduli: {_EXPECTED}", *(column.name for column in (*MODULUS_SOURCES, THICKNESS)))
             table.check()
         directions = [text.casefold() for text in table.texts("direction")]

@@ -249,7 +249,7 @@ class Header:
         texts = self.cells[title.text]
         filled = [text for text in texts if not is_missing(text)]
         if name in NUMBERS:
-            return mostly_numeric(texts) and bool(filled) and (not quantity_of(name) or _fits(name, title))
+            return mostly_numeric(texts) and bool(filled) and _fits(name, title)
         if name != "participant" or self.melted:
             return bool(filled)
         others = [self.cells[self.at[other]] for other in ("fabric", "trial") if other in self.at]
@@ -262,7 +262,7 @@ def _fits(name: str, title: Title) -> bool:
     """Return whether a title with a name of a column has an allowed unit, or the extent of a scale, such as 1-10."""
     quantity = quantity_of(name)
     if title.unit is None:
-        return quantity in ("", "ratio")
+        return quantity in ("", "ratio", "frequency")
     if quantity:
         return unit_named(title.unit, quantity) is not None
     scale = re.fullmatch(r"[0-9]+\s*(?:-|–|…|\.\.\.?|to)\s*[0-9]+", title.unit)

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.base.errors import InputError
+from softness_bayes.base.errors import InputError, quoted
 from softness_bayes.base.ranges import ANY, Range
 from softness_bayes.base.readable import counted, some_of
 from softness_bayes.data.columns import (
@@ -32,11 +32,16 @@ from softness_bayes.data.columns import (
 from softness_bayes.data.ratings import loads_by_column, loads_in
 from softness_bayes.data.reading import OneTable
 from softness_bayes.data.tables import FloatArray, IntArray, Table, freeze
-from softness_bayes.data.texts import natural
+from softness_bayes.data.texts import listing, natural
+from softness_bayes.data.titles import key
 from softness_bayes.touch.contact import Load
 
-FLAT_PLATE = ("flat_plate", "flat plate", "plate", "flat")
-"""Names of a rigid flat plate in a column `indentor`, ignoring case; without the column, all rows refer to a plate."""
+FLAT_PLATE = ("flat plate", "plate", "flat")
+"""Names of a rigid flat plate in a column `indentor`, ignoring case and punctuation. Without the column, all rows refer
+to a plate."""
+
+FREE_TRAVEL = 5e-4
+"""Largest indentation at which no force may be measurable [m]."""
 
 SOLE_FINGER = "finger"
 """Name of the participant in a table without a column of participants."""
@@ -95,10 +100,12 @@ class Compression(OneTable):
         if "participant" not in table:
             notes.append("no column 'participant': all forces are treated as those of one finger")
         if "indentor" in table:
-            flat = np.array([name.casefold() in FLAT_PLATE for name in table.labels("indentor")])
+            indentors = table.labels("indentor")
+            flat = np.array([key(name) in FLAT_PLATE for name in indentors])
             if not flat.all():
                 others = some_of(int((~flat).sum()), len(table), "row", "has", "have")
-                notes.append(f"{others} another indentor than a flat plate; left out")
+                told = listing([*map(quoted, natural(name for name in indentors if key(name) not in FLAT_PLATE))])
+                notes.append(f"{others} another indentor than a flat plate ({told}); left out")
             table = table.take(np.flatnonzero(flat))
         by = table.labels("participant") if "participant" in table else [SOLE_FINGER] * len(table)
         # here 0 means that the plate does not yet touch the finger
@@ -118,7 +125,13 @@ class Compression(OneTable):
             notes.append(f"{zero} rows with a force of 0 are left out, because forces are fitted on a log scale")
         kept = np.flatnonzero(force > 0).tolist()
         if not kept:
-            raise InputError(f"{table.place}: no row with a force above 0 on a flat plate")
+            raise InputError("; ".join([f"{table.place}: no row with a force above 0 on a flat plate", *notes]))
+        if (free := np.max(np.nan_to_num(depth), initial=0.0, where=force == 0)) > FREE_TRAVEL:
+            notes.append(
+                f"looks wrong: the force is 0 up to {1e3 * free:g} mm: indentations begin where the plate touches"
+            )
+        if np.sum((depth[kept] - depth[kept].mean()) * force[kept]) < 0:
+            notes.append("looks wrong: forces fall with indentation: is it the position of the plate above something?")
         names = natural(by[i] for i in kept)
         participant = np.array([names.index(by[i]) for i in kept])
         return cls(
@@ -219,6 +232,8 @@ class Afferents(OneTable):
         for pair in (("force_n", "indentation_mm"), ("rate_hz", "count")):
             if not {*pair} & table.titles.keys():
                 table.lack(f"no column {pair[0]!r} or {pair[1]!r}", *pair)
+        if "count" in table and "rate_hz" not in table:
+            table.require("window_s")
         table.check()
         values = {column.name: table.numbers(column) for column in (COUNT, *RESPONSES.values())}
         kept = np.flatnonzero(["".join(texts).strip() for texts in table.keys("rate_hz", "count")])

@@ -23,7 +23,7 @@ from softness_bayes.data.forms import PANEL, AggregatedCells, cells_of, covariat
 from softness_bayes.data.reading import read_as
 from softness_bayes.data.sheets import TableSource
 from softness_bayes.data.tables import FloatArray, IntArray, Table, freeze, grouped
-from softness_bayes.data.texts import Marks, guess, identity, is_missing, listing, natural
+from softness_bayes.data.texts import FAR, MISSING_CODE, Marks, guess, identity, is_missing, listing, natural
 from softness_bayes.touch.contact import Force, FreeTouch, Indentation, Load
 
 
@@ -130,12 +130,6 @@ def loads_in(table: Table, given: Load | None) -> list[Load | None]:
         touches[i] = held[0] if held else None
     return touches
 
-
-MISSING_CODES = frozenset({"99", "999", "9999", "99999", "-9", "-99", "-999", "-9999", "-99999"})
-"""Numbers commonly used as codes for missing ratings."""
-FAR = 9.0
-"""Ratio of the absolute value of such a number to the largest other rating above which it is a code, as for 99 among
-ratings up to 10."""
 
 SOLE_PARTICIPANT = "participant"
 """Name of the participant in a table without a column of participants."""
@@ -411,8 +405,13 @@ def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntA
     Codes for missing ratings are faults, and so are tables without ratings.
     """
     texts = table.texts("rating")
+    # decimals say that a number is none, but not those that a program gave to all
+    bare = [re.sub("[.,]0+$", "", text) for text in texts]
+    given = any(text.isdigit() for text, value in zip(texts, filed, strict=True) if value == value)
+    written = texts if given else bare
     # a code is nine times as far from 0 as every other rating, or the only negative number among positive ones
-    codes = [i for i, text in enumerate(texts) if not np.isnan(filed[i]) and (text in MISSING_CODES or _is_day(text))]
+    found = [not np.isnan(filed[i]) and MISSING_CODE.fullmatch(text) for i, text in enumerate(written)]
+    codes = [i for i, code in enumerate(found) if code or _is_day(texts[i])]
     others = np.delete(filed, codes)
     others = others[~np.isnan(others)]
     largest = np.abs(others).max(initial=0.0)  # it may be too large for a multiplication
@@ -425,7 +424,8 @@ def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntA
                 day = date(1899, 12, 30) + timedelta(int(texts[i]))
                 what = f"the day {day}, which a spreadsheet program made of a rating such as {day.day}.{day.month}"
                 what += "; write the rating that was given"
-            problem = f"{texts[i]} looks like {what}; if it is the rating, write it with decimals, as {texts[i]}.0"
+            mend = f"with decimals, as {texts[i]}.0" if texts[i] == bare[i] else f"as {float(bare[i]):.4e}"
+            problem = f"{texts[i]} looks like {what}; if it is the rating, write it {mend}"
             table.problem(i, "rating", problem)
     kept = ~np.isnan(filed)
     zeros = int((filed == 0).sum()) if drop_zeros else 0
@@ -465,7 +465,7 @@ def _fabrics_in(table: Table, fabrics: Fabrics | None, notes: list[str]) -> Sequ
     for k, name in enumerate(unknown):
         count, near = rows[name], guess(name, fabrics.names, k)
         problem = f"{quoted(name)} is not a fabric of {fabrics.source}{near}"
-        more = f", as in {count - 1} other rows" if count > 1 else ""
+        more = f", as in {counted(count - 1, 'other row', 'other rows')}" if count > 1 else ""
         if k == 0 and len(unknown) > 1 and not known & {*labels}:
             more += f"; its fabrics are {listing([*map(quoted, fabrics.names)])}"
         table.problem(labels.index(name), "fabric", f"{problem}{more}")

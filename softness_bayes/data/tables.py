@@ -15,7 +15,7 @@ from softness_bayes.base.errors import InputError, quoted
 from softness_bayes.data.columns import NUMBERS, OWNERS, Column, is_reversed
 from softness_bayes.data.sheets import Sheet
 from softness_bayes.data.texts import POINT, Reading, is_missing, listing
-from softness_bayes.data.titles import Unit, bag, unit_named
+from softness_bayes.data.titles import Unit, analysed, bag, unit_named
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -329,7 +329,14 @@ class Table:
         told += ["if they are garbled, save it as CSV in UTF-8"] * any(n.startswith("not UTF-8") for n in self.notes)
         meant = [(*self.perhaps[title], title) for title in self.cells if title in self.perhaps]
         told += [remark for name, remark, _ in meant if name in names and remark][:2]
-        hints = [{own: title} for name in names for own, _, title in meant if own == name and not is_reversed(title)]
+        # logarithms, and numbers in a unit that is not known, would be misread
+        unclear = {
+            title: is_reversed(title)
+            or {"log", "log10", "ln"} & {*bag(title).split()}
+            or (remark and analysed(title).unit)
+            for _, remark, title in meant
+        }
+        hints = [{own: title} for name in names for own, _, title in meant if own == name and not unclear[title]]
         self.refuse("; ".join(told), *hints, *([{"wide": ""}] if wide else []))
 
     def require(self, *names: str) -> None:

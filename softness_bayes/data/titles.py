@@ -66,6 +66,16 @@ UNITS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
         "9.80665e-5": ("gf·cm²/cm", "gfcm²/cm", "gf·cm·cm/cm", "g·cm²/cm", "gf·cm", "gfcm"),
         "9.80665e-8": ("mgf·cm", "mg·cm", "mgcm"),
     },
+    "time": {"1": ("s", "sec", "second", "seconds"), "1e-3": ("ms", "msec", "millisecond", "milliseconds")},
+    "frequency": {
+        "1": ("Hz", "1/s", "s^-1", "per s", "imp/s", "impulses/s", "impulses per s", "ips", "spikes/s", "spikes per s"),
+        "1e3": ("kHz", "1/ms", "imp/ms", "impulses/ms", "spikes/ms"),
+    },
+    "curvature": {
+        "1": ("1/m", "m^-1", "per m"),
+        "1e2": ("1/cm", "cm^-1", "per cm"),
+        "1e3": ("1/mm", "mm^-1", "per mm"),
+    },
     "ratio": {"1": ("-", "–", "1"), "1e-2": ("%", "percent", "per cent", "pct")},
 }
 """Quantity -> SI units in one -> spellings, the name of the unit first.
