@@ -84,7 +84,7 @@ def check(
         raise InputError("check: --cost is printed as text: omit --json")
     if figure is not None:
         _require_figure(figure, files, force)
-    experiment = _read_or_answered(files, model)
+    experiment = _read_or_answered(files, model, json_)
     if experiment is None:
         return
     recorded_terms(experiment, model)  # raises where a hollow is narrower than the finger
@@ -102,9 +102,7 @@ def check(
     known = understood(made, [*([reached] if reached else []), *notes])
     known["design"] = foreseen(experiment, model) if design else None
     if json_:
-        means = None if people is None else people.table().astype(object)
-        rows = {} if means is None else {"people": means.where(means.notna(), None).to_dict("records")}
-        _echo(known | rows)
+        _echo(known if people is None else known | {"people": _records(people)})
     else:
         lines = []
         if people is not None:
@@ -130,8 +128,15 @@ def _echo(said: dict[str, Any] | list[str]) -> None:
     click.echo(json.dumps(said, indent=1, ensure_ascii=False) if isinstance(said, dict) else "\n".join(said))
 
 
-def _read_or_answered(files: DataFiles, model: ModelOptions) -> Experiment | Measurements | None:
+def _records(people: FreeMeans) -> list[dict[Any, Any]]:
+    """Return what people say of each fabric under each load, None where there is no number."""
+    means = people.table().astype(object)
+    return means.where(means.notna(), None).to_dict("records")
+
+
+def _read_or_answered(files: DataFiles, model: ModelOptions, json_: bool) -> Experiment | Measurements | None:
     """Return the data of an experiment; of ratings whose fabrics nobody measured, show people's answer instead."""
+    from softness_bayes.experiments.understanding import SCHEMA
     from softness_bayes.people.free_means import FreeMeans
     from softness_bayes.people.sentences import needed_sentences
 
@@ -144,10 +149,15 @@ def _read_or_answered(files: DataFiles, model: ModelOptions) -> Experiment | Mea
             raise error from None
         if ratings is None:
             raise
+    people = FreeMeans(ratings, model)
+    needed = needed_sentences(ratings.fabrics, bool(ratings.loads))
+    if json_:
+        told = {"people": _records(people), "needed": needed, "notes": [*ratings.notes]}
+        _echo({"schema": SCHEMA, "source": ratings.source, **told})
+        return None
     for note in ratings.notes:
         click.echo(f"note: {note}", err=True)
-    needed = needed_sentences(ratings.fabrics, bool(ratings.loads))
-    _echo([*people_lines(FreeMeans(ratings, model)), "", *needed])
+    _echo([*people_lines(people), "", *needed])
     return None
 
 

@@ -12,17 +12,7 @@ from softness_bayes.base.errors import quoted
 from softness_bayes.base.readable import counted
 from softness_bayes.data.columns import NUMBERS, PERHAPS_SUMMARIES, SOFTNESS, holds_cells, quantity_of, summarises
 from softness_bayes.data.tables import FloatArray, Table, grouped
-from softness_bayes.data.texts import (
-    FAR,
-    MISSING_CODE,
-    SheetNumber,
-    identity,
-    is_missing,
-    listing,
-    looks_numeric,
-    natural,
-    short,
-)
+from softness_bayes.data.texts import SheetNumber, identity, is_missing, listing, looks_numeric, natural, short
 from softness_bayes.data.titles import bag, key
 
 _DESIGN = ("fabric", "fabric_2", "indentation_mm", "force_n", "session", "trial", "list")
@@ -355,6 +345,13 @@ def with_copied_measurements_named(table: Table) -> Table:
     again = [i for own in groups if len(own) > 2 and all(count[rows[i]] > 1 for i in own) for i in own]
     note = "every one is there again, equal in all columns: are rows copied?"
     return table.noted(f"looks wrong: {table.lines(again)}: {note}") if again else table
+
+
+MISSING_CODE = re.compile(r"-?([789])\1{1,4}|-9")
+"""Numbers commonly used as codes for missing ones."""
+FAR = 9.0
+"""Ratio of the absolute value of such a number to the largest other one above which it is a code, as for 99 among
+ratings up to 10."""
 
 
 def with_codes_named(table: Table) -> Table:

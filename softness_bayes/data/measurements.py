@@ -101,12 +101,11 @@ class Compression(OneTable):
             notes.append("no column 'participant': all forces are treated as those of one finger")
         if "indentor" in table:
             indentors = table.labels("indentor")
-            flat = np.array([key(name) in FLAT_PLATE for name in indentors])
-            if not flat.all():
-                others = some_of(int((~flat).sum()), len(table), "row", "has", "have")
-                told = listing([*map(quoted, natural(name for name in indentors if key(name) not in FLAT_PLATE))])
-                notes.append(f"{others} another indentor than a flat plate ({told}); left out")
-            table = table.take(np.flatnonzero(flat))
+            if others := [name for name in indentors if key(name) not in FLAT_PLATE]:
+                told = some_of(len(others), len(table), "row", "has", "have")
+                named = listing([*map(quoted, natural(others))])
+                notes.append(f"{told} another indentor than a flat plate ({named}); left out")
+            table = table.take(np.flatnonzero([name not in others for name in indentors]))
         by = table.labels("participant") if "participant" in table else [SOLE_FINGER] * len(table)
         # here 0 means that the plate does not yet touch the finger
         depth, force = (table.numbers(replace(column, range=ANY, reason="")) for column in (INDENTATION, FORCE))

@@ -18,12 +18,13 @@ from softness_bayes.base.errors import InputError, quoted
 from softness_bayes.base.ranges import LOAD_STEPS
 from softness_bayes.base.readable import counted, some_of
 from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, LOADED, RATINGS, RESOLUTION, Column, Request
+from softness_bayes.data.contents import FAR, MISSING_CODE
 from softness_bayes.data.fabrics import Fabrics, log_sd
 from softness_bayes.data.forms import PANEL, AggregatedCells, cells_of, covariates_in, unpaired
 from softness_bayes.data.reading import read_as
 from softness_bayes.data.sheets import TableSource
 from softness_bayes.data.tables import FloatArray, IntArray, Table, freeze, grouped
-from softness_bayes.data.texts import FAR, MISSING_CODE, Marks, guess, identity, is_missing, listing, natural
+from softness_bayes.data.texts import Marks, guess, identity, is_missing, listing, natural
 from softness_bayes.touch.contact import Force, FreeTouch, Indentation, Load
 
 

@@ -395,15 +395,14 @@ def with_fabrics_in_rows(table: Table, request: Request) -> Table:
             parts.append((title, {"fabric": title}))
     if len(parts) < (1 if request.wide else 2):
         return table
-    for title, _ in parts:
-        # programs number columns of one name: felt, felt.1
-        if again := [
-            text for text in table.others if re.fullmatch(rf"{re.escape(title)}[\s_.(]+[0-9]{{1,3}}\)?", text)
-        ]:
-            raise InputError(
-                f"{table.header}: columns {listing([*map(quoted, (title, *again))])} may each be of fabric "
-                f"{quoted(title)}; write each rating in a row of its own, or rename those that are something else"
-            )
+    # programs number columns of one name: felt, felt.1
+    of_fabrics = {title for title, _ in parts}
+    stems = {re.sub(r"[\s_.(]+[0-9]{1,3}\)?$", "", title): title for title in table.others if title not in of_fabrics}
+    for title in sorted(of_fabrics & stems.keys()):
+        raise InputError(
+            f"{table.header}: columns {quoted(title)} and {quoted(stems[title])} may both be of one fabric; "
+            "write each rating in a row of its own, or rename the column that is something else"
+        )
     first: dict[tuple[object, ...], str] = {}
     for title, own in parts:
         other = first.setdefault((*own.items(),), title)

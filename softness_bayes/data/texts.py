@@ -77,12 +77,6 @@ _MISSING = "na|n/a|n.a.|#n/a|nan|null|none|-|–|—|.|--|<na>|n.d.|missing|k.a.
 MISSING = frozenset(("", *_MISSING.split("|")))
 """Texts for a missing number, in any case. Only an empty name is missing: NA may be initials."""
 
-MISSING_CODE = re.compile(r"-?([789])\1{1,4}|-9")
-"""Numbers commonly used as codes for missing ones."""
-FAR = 9.0
-"""Ratio of the absolute value of such a number to the largest other one above which it is a code, as for 99 among
-ratings up to 10."""
-
 MARKS = (",", ".")
 """The possible decimal marks."""
 

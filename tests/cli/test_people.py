@@ -32,6 +32,15 @@ def test_names_and_ratings_end_with_what_people_said_and_what_to_measure(home):
     assert " mm" not in answer  # no load is made up
 
 
+def test_the_answer_is_json_on_demand(home):
+    done = call("check", "--json", "--data", "ratings.csv", cwd=home)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told.keys() == {"schema", "source", "people", "needed", "notes"}
+    assert [row["fabric"] for row in told["people"]] == ["silk", "felt", "lawn"]
+    assert any("LOW" in line for line in told["needed"])
+
+
 def test_a_run_of_such_a_table_is_refused_and_points_to_the_answer(home):
     done = call("sample", "--data", "ratings.csv", "--column", "rating=softness", "--out", "run", cwd=home)
     assert done.returncode == 2

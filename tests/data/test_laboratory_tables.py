@@ -162,8 +162,10 @@ def test_a_further_column_of_a_fabric_is_not_passed_over(file):
     wide = "participant,felt,lawn,{}\nP1,3,4,5\nP2,6,7,8\n"
     for again in ("felt.1", "felt (2)"):
         message = refusal(read_experiment, file(wide.format(again)), cloth, force_n=1.0)
-        assert f"columns 'felt', '{again}' may each be of fabric 'felt'" in message
+        assert f"columns 'felt' and '{again}' may both be of one fabric" in message
     assert len(read_experiment(file(wide.format("age")), cloth, force_n=1.0).ratings) == 4
+    both = file("fabric,effective_modulus_kpa\nfelt,20\nfelt 2,50\nlawn,90\n", "fabrics.csv")
+    assert len(read_experiment(file(wide.format("felt 2")), both, force_n=1.0).ratings) == 6
 
 
 @pytest.mark.parametrize(
