@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
@@ -27,7 +28,7 @@ from softness_bayes.data.columns import (
 )
 from softness_bayes.data.reading import OneTable
 from softness_bayes.data.tables import Fault, FloatArray, IntArray, Table, TableError, grouped, read_only
-from softness_bayes.data.texts import listing, natural
+from softness_bayes.data.texts import is_missing, listing, natural
 from softness_bayes.data.titles import analysed
 from softness_bayes.touch.contact import PLATE_LENGTH, PRINTED_RIGIDITY, FabricModulus
 
@@ -300,6 +301,11 @@ class Fabrics(OneTable):
         if directed:
             told = listing([*dict.fromkeys(filter(None, directions))])
             notes.append(f"rigidities and moduli are geometric means over directions: {told}")
+            columns = [table.texts(PROPERTIES[name].name) for name in _DIRECTED]
+            measured = [i for i in range(len(table)) if not all(is_missing(texts[i]) for texts in columns)]
+            count = Counter(name for name, direction in {(labels[i], directions[i]) for i in measured} if direction)
+            if fewer := [name for name in names if 0 < count[name] < max(count.values())]:
+                notes.append(f"looks wrong: not measured in all directions: {listing(fewer)}")
         if strange:
             notes.append("column batch is not that of moduli, because it differs between rows of a fabric; not used")
         thick = ["thickness_mm"] * ("thickness_mm" in table)

@@ -329,10 +329,10 @@ class Table:
         told += ["if they are garbled, save it as CSV in UTF-8"] * any(n.startswith("not UTF-8") for n in self.notes)
         meant = [(*self.perhaps[title], title) for title in self.cells if title in self.perhaps]
         told += [remark for name, remark, _ in meant if name in names and remark][:2]
-        # logarithms, and numbers in a unit that is not known, would be misread
+        # logarithms, times of responses, and numbers in a unit that is not known would be misread
         unclear = {
             title: is_reversed(title)
-            or {"log", "log10", "ln"} & {*bag(title).split()}
+            or {"log", "log10", "ln", "time"} & {*bag(title).split()}
             or (remark and analysed(title).unit)
             for _, remark, title in meant
         }

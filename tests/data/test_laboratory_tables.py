@@ -193,6 +193,7 @@ def test_ends_of_a_scale_may_be_negated_or_alone(title, reversed_):
     [
         ("log10 rating", "1.2", ""),
         ("rating (log)", "1.2", ""),
+        ("response_time", "812", ""),
         ("feel", "12", "--column rating=feel"),
         ("rating", '"1,280"', ""),
         ("rating", '"12,5"', "--decimal ,"),
@@ -211,6 +212,16 @@ def test_no_advice_reads_a_unit_that_is_not_known(file):
         path = file(f"fabric,{title},rating\na,1,5\nb,1,7\n")
         told = call("check", "--data", path).stderr.partition("try: ")[2].strip()
         assert told.endswith(advised) if advised else not told
+
+
+def test_a_fabric_without_one_of_the_directions_is_named(file):
+    rows = "a,warp,9\na,weft,4\nb,warp,9\n{}c,,5\n"  # c is a felt, which has none
+    for more, said in (("", ["looks wrong: not measured in all directions: b"]), ("b,weft,4\n", [])):
+        cloth = Fabrics.read(file(f"fabric,direction,E_fab (kPa)\n{rows.format(more)}"))
+        assert [note.removeprefix("ratings.csv: ") for note in wrong(cloth)] == said
+    wide = "fabric,E_fab warp (kPa),E_fab weft (kPa)\na,9,4\nb,9,{}\n"
+    assert len(wrong(Fabrics.read(file(wide.format(""))))) == 1
+    assert not wrong(Fabrics.read(file(wide.format("4"))))
 
 
 def test_a_thickness_without_a_unit_is_named(file):
