@@ -147,6 +147,7 @@ def read_titled(source: TableSource, kind: Kind, renames: Mapping[str, str]) -> 
     raise InputError(
         f"{place}: {len(meant) or 'none'} of the sheets {listing([quoted(name) for name in tables])} may "
         f"contain the {kind.sheet}; rename the right one to {kind.sheet!r}"
+        f"{', or give them the same titles if they belong together' if meant else ''}"
     )
 
 
