@@ -235,8 +235,8 @@ def power(size: int, draws: int, threshold: float, width: float = 1.0, shift: fl
     if not size:
         return 0.0
     law = rank_law(draws, width, shift)
-    band = simultaneous_band(size, np.arange(1, draws + 1) / (draws + 1), 1.0 - threshold)
-    below, above = np.ceil(band.low * size), np.floor(band.high * size)
+    low, high = simultaneous_band(size, np.arange(1, draws + 1) / (draws + 1), 1.0 - threshold)
+    below, above = np.ceil(low * size), np.floor(high * size)
     counts = binom(size, law.cumsum()[:-1].clip(0.0, 1.0))
     squares, freedom = squared_scores(size, draws)
     mean, sd = float(law @ squares), math.sqrt(float(law @ squares**2 - (law @ squares) ** 2) / size)

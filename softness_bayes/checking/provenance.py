@@ -174,7 +174,7 @@ class NumericalErrors:
     """True if the error of the fast model is known to be negligible; false if it was not compared (sd NaN)."""
     exact_reweight: bool
     inflection_least_drop: float
-    """As `Provenance.least_drop`."""
+    """Smallest drop, as a share of the maximum, towards both ends of the range that makes it a turning point."""
 
 
 @dataclass(frozen=True)
@@ -367,11 +367,6 @@ class Provenance:
     def findings(self) -> dict[str, Finding]:
         """Findings of the checks of residuals, by quantity."""
         return {one.quantity: one for one in self._found.findings}
-
-    @property
-    def least_drop(self) -> float:
-        """Smallest drop, as a share of the maximum, towards both ends of the range that makes it a turning point."""
-        return float(self.attributes["inflection_least_drop"])
 
     @property
     def held_eps(self) -> str:

@@ -241,18 +241,7 @@ def joint_limits(replicated: Array, probability: float) -> tuple[Array, Array]:
     return low, high
 
 
-class Band(NamedTuple):
-    """Simultaneous limits of an empirical distribution function."""
-
-    points: Array
-    """Points at which it is evaluated, shape (points,)."""
-    low: Array
-    """Smallest share of values up to each point that is within the limits."""
-    high: Array
-    """Largest such share."""
-
-
-def simultaneous_band(size: int, points: ArrayLike, probability: float = 0.95) -> Band:
+def simultaneous_band(size: int, points: ArrayLike, probability: float) -> tuple[Array, Array]:
     """Return limits that contain the empirical distribution function of uniform values with given probability.
 
     Parameters
@@ -263,10 +252,15 @@ def simultaneous_band(size: int, points: ArrayLike, probability: float = 0.95) -
         Increasing points inside (0, 1) at which values are counted, shape (points,).
     probability
         Smallest probability of staying within all limits.
+
+    Returns
+    -------
+    low, high : ndarray, shape (points,)
+        Smallest and largest share of values up to each point.
     """
     # either side alone half as often, a bound that is 2e-5 wide at 0.9: SciPy takes a second to import the exact law
     points, half = np.asarray(points, float), float(smirnovi(size, 0.5 * (1.0 - probability)))
-    return Band(points, np.maximum(points - half, 0.0), np.minimum(points + half, 1.0))
+    return np.maximum(points - half, 0.0), np.minimum(points + half, 1.0)
 
 
 def uniformity_p_value(values: ArrayLike, points: ArrayLike) -> float:

@@ -150,7 +150,6 @@ def target(
         Poisson ratio of the fabric; by default the median of the rated fabrics.
     """
     from softness_bayes.data.columns import TENSILE_MODULUS, THICKNESS
-    from softness_bayes.results.rating_table import rejected
     from softness_bayes.results.target import Cloth
 
     file.require()
@@ -165,7 +164,7 @@ def target(
     file.write(table)
     for load, rows in table.groupby("load", sort=False):
         click.echo(f"{load}: {_reach(rows)}{_nearest(result, str(load), rating)}", err=True)
-    if rejected(result):
+    if result.fit.follows.rejected:
         click.echo(
             "the chain does not follow the ratings of this run: trust people's own means, not its moduli", err=True
         )

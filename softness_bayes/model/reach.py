@@ -21,7 +21,7 @@ from softness_bayes.touch.contact import HERTZ_LIMIT, Finger, Force, FreeTouch, 
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
-from softness_bayes.touch.scene import Discretisation, Scene
+from softness_bayes.touch.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -159,13 +159,12 @@ def reach_of_priors(
     given: Mapping[str, float] | None = None,
     finger: Finger = Finger(),
     moduli: FabricModuli | None = None,
-    discretisation: Discretisation = COARSE,
 ) -> str:
     """Return `reach_note` at the prior medians, with the skins of other sets of priors as alternatives.
 
     Parameters
     ----------
-    fabrics, loads, readings, prior_set, given, finger, moduli, discretisation
+    fabrics, loads, readings, prior_set, given, finger, moduli
         As for `scene_of` and `usual_values`.
     """
     values = usual_values(readings, prior_set, given)
@@ -173,7 +172,7 @@ def reach_of_priors(
     surface = {name: x for name, x in values.items() if name not in Channels._fields}
 
     def scene_under(pressed: Sequence[Load]) -> Scene:
-        how: dict[str, Any] = {"discretisation": discretisation, "finger": finger, "moduli": moduli}
+        how: dict[str, Any] = {"discretisation": COARSE, "finger": finger, "moduli": moduli}
         try:  # the surface of rates is stored, whereas a curve for particular channels takes a second
             return scene_of(fabrics, tuple(pressed), surface, readings, **how)
         except InputError:

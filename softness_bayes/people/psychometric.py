@@ -42,7 +42,7 @@ POINTS, DRAWS = (36, 36, 14, 14), 4000
 
 
 def psychometric_table(
-    ratings: Ratings, modulus: Array, first_won: Array | None = None, guess: float | None = None, level: float = LEVEL
+    ratings: Ratings, modulus: Array, first_won: Array | None = None, guess: float | None = None
 ) -> pd.DataFrame:
     """Return psychometric quantities of each reference under each load.
 
@@ -57,14 +57,12 @@ def psychometric_table(
         the answers themselves.
     guess
         Guess rate, if it is known from the task; by default it is estimated.
-    level
-        Share of attentive answers at the threshold, above 1/2.
 
     Returns
     -------
     DataFrame
         Columns load, reference, pairs; then, each with 90 % limits in NAME_low and NAME_high: equal (E_fab judged equal
-        to the reference), threshold (E_fab that is told from it in the share `level`), weber (fraction by which the
+        to the reference), threshold (E_fab that is told from it in the share `LEVEL`), weber (fraction by which the
         threshold differs from `equal`), bias (of `equal` from the reference, as a fraction), guess, lapse.
     """
     names, load = groups_of_loads(ratings)
@@ -78,7 +76,7 @@ def psychometric_table(
             lost = fabric[here, 0] == reference
             other = np.where(lost, fabric[here, 1], fabric[here, 0])
             x = np.log(modulus[other] / modulus[reference])
-            found = _quantities(x, np.where(lost, 1.0 - won[here], won[here]), guess, level)
+            found = _quantities(x, np.where(lost, 1.0 - won[here], won[here]), guess)
             found |= {one: np.exp(found[one]) * modulus[reference] for one in ("equal", "threshold")}
             row = {"load": name, "reference": ratings.fabrics[reference], "pairs": int(here.sum())}
             for one, draws in found.items():
@@ -102,7 +100,7 @@ def threshold_table(ratings: Ratings, tree: xr.DataTree) -> pd.DataFrame:
     return pd.concat(found, ignore_index=True)
 
 
-def threshold_sentences(table: pd.DataFrame, level: float = LEVEL) -> list[str]:
+def threshold_sentences(table: pd.DataFrame) -> list[str]:
     """Return a sentence on each row of `psychometric_table`."""
     said = []
     for _, row in table.iterrows():
@@ -110,7 +108,7 @@ def threshold_sentences(table: pd.DataFrame, level: float = LEVEL) -> list[str]:
         at = f" at {row['load']}" if row["load"] else ""
         said.append(
             f"against {row['reference']}{at} ({counted(row['pairs'], 'pair')}): judged equal at E_fab {each['equal']} "
-            f"kPa, bias {each['bias']}; threshold ({percent(level)}) {each['threshold']} kPa, Weber fraction "
+            f"kPa, bias {each['bias']}; threshold ({percent(LEVEL)}) {each['threshold']} kPa, Weber fraction "
             f"{each['weber']}; guess rate {each['guess']}, lapse rate {each['lapse']}"
         )
     return said
@@ -145,7 +143,7 @@ def comparison_cautions(ratings: Ratings) -> list[str]:
     return said
 
 
-def _quantities(x: Array, softer: Array, guess: float | None, level: float) -> dict[str, Array]:
+def _quantities(x: Array, softer: Array, guess: float | None) -> dict[str, Array]:
     """Return draws of all quantities from log ratios of moduli and (probabilities of) the answer softer, (pairs,)."""
     sign = 1.0 if np.polyfit(x, softer, 1)[0] > 0 else -1.0
     places, of = np.unique(sign * x, return_inverse=True)
@@ -179,7 +177,7 @@ def _quantities(x: Array, softer: Array, guess: float | None, level: float) -> d
     cell = np.unravel_index(rng.choice(mass.size, DRAWS, p=mass.ravel()), mass.shape)
     drawn = [one[i] + d * (rng.random(DRAWS) - 0.5) for one, i, d in zip(grid, cell, step, strict=True)]
     middle, width, low, high = drawn
-    apart = width * ndtri(level) / (2.0 * ndtri(0.95))
+    apart = width * ndtri(LEVEL) / (2.0 * ndtri(0.95))
     guessed, lapsed = (np.clip(one, 0.0, 0.5) for one in (low, high))
     return {
         "equal": sign * middle,

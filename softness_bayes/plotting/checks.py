@@ -248,9 +248,9 @@ def _draw_ecdf(
     """Draw the distribution function of values at x minus the uniform one, with simultaneous limits; return both."""
     from softness_bayes.checking.quantities import simultaneous_band
 
-    band = simultaneous_band(size, x, probability)
+    low, high = simultaneous_band(size, x, probability)
     tint = style.tint(style.prior, 0.4)
-    area = axes.fill_between(x, band.low - x, band.high - x, step="mid", color=tint, linewidth=0)
+    area = axes.fill_between(x, low - x, high - x, step="mid", color=tint, linewidth=0)
     return area, axes.plot(x, share - x, color=style.posterior, drawstyle="steps-mid")[0]
 
 

@@ -10,11 +10,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.base.defaults import ANSWER_DRAWS
+from softness_bayes.base.files.run_files import RULER
 from softness_bayes.base.ranges import RANKED
 from softness_bayes.base.readable import counted
 from softness_bayes.checking.agreement import agreement, pairs, places, ties
 from softness_bayes.data import Fabrics
 from softness_bayes.people.free_means import word_of
+from softness_bayes.people.ruler import fit_of
 from softness_bayes.people.sentences import DECIDED
 from softness_bayes.plotting.style import USUAL, Style
 from softness_bayes.results import rating_table
@@ -94,8 +96,9 @@ class Ranking:
         why = rating_table.reasons(fitted, scene, found.rate, modulus)
         unreached = [why[name].to_numpy() >= rating_table.NOTICED for name in ("p_silent", "p_beyond_radius")]
         unreached += [why[name].to_numpy() != "" for name in ("beyond_moduli", "beyond_loads")]
-        against, title = rating_table.rejected(result), result.provenance.rating_data.rating_column
-        self.fabrics, self.scale, self.word = fabrics.names, result.scale, word_of(title, result.scale)
+        against = fit_of(result.tree, result.tables.get(RULER)).follows.rejected
+        self.fabrics, self.scale = fabrics.names, result.scale
+        self.word = word_of(result.provenance.rating_data.rating_column, result.scale)
         words = np.array(["cannot decide", *WORDS.get(self.word, ("rated higher", "rated lower"))], object)
         middle = scene.fabric_modulus if modulus is None else np.median(modulus, axis=0)
         names, parts, typical = np.array(fabrics.names, object), [], dict[Load, Array]()

@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.base.defaults import ANSWER_DRAWS
-from softness_bayes.base.files.run_files import FABRIC_RATINGS, RULER
+from softness_bayes.base.files.run_files import FABRIC_RATINGS
 from softness_bayes.base.ranges import PANEL
 from softness_bayes.base.readable import number, percent
 from softness_bayes.checking.layout import PEOPLE_ORDERS
@@ -45,9 +45,6 @@ OUT_OF_REACH = 10.0
 
 NOTICED = 0.05
 """Share of draws above which a remark is made."""
-
-KEPT = 0.9
-"""Share of what people's own means predict; a chain that keeps less for certain does not follow the ratings."""
 
 _RISES = 0.5
 """Mean rank correlation of ratings with stiffness above which they clearly rise with it."""
@@ -272,11 +269,6 @@ def people_orders(result: Stored, fabrics: Fabrics, load: Load) -> Array:
         here, group = np.flatnonzero(among >= 0), groups_of(result.loads).of[result.loads.index(load)]
         found[np.ix_(here, here)] = stored.values[group][np.ix_(among[here], among[here])]
     return found
-
-
-def rejected(result: Stored) -> bool:
-    """Return whether the chain of a run does not follow its ratings: its ruler is below `KEPT` for certain."""
-    return RULER in result.tables and bool(result.tables[RULER]["high"]["share"] < KEPT)
 
 
 def cautions(result: Stored, fabrics: Fabrics | None) -> list[str]:

@@ -123,7 +123,7 @@ class Result(Stored):
     @property
     def least_drop(self) -> float:
         """Smallest drop, as a share of the maximum, towards both ends of the range that makes it a turning point."""
-        return self.provenance.least_drop
+        return self.provenance.errors.inflection_least_drop
 
     def inflection(self) -> pd.DataFrame:
         """Return the table of turning points (maxima of the response), one row per load or group of loads.

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 PROBABILITY = 0.9
-"""Probability between the limits of a rater's effect."""
+"""Probability within the shortest interval of a quantity, and between the limits of a rater's effect."""
 
 
-def summarise(names: Sequence[str], values: FloatArray, hdi_probability: float = 0.9) -> pd.DataFrame:
+def summarise(names: Sequence[str], values: FloatArray) -> pd.DataFrame:
     """Return mean, standard deviation, interval and Monte-Carlo errors of each quantity, unrounded.
 
     Bulk ESS and Monte-Carlo errors treat every walker as a chain, tail ESS uses autocorrelation times of tail
@@ -35,21 +35,19 @@ def summarise(names: Sequence[str], values: FloatArray, hdi_probability: float =
         Quantities, one row each.
     values
         Their draws after the burn-in, shape (ensembles, draws, walkers, quantities).
-    hdi_probability
-        Probability within the shortest interval.
     """
     walks = np.moveaxis(values, -1, 1)
     tails, r_hats = ess_tail(walks), r_hat_between(walks)
     rows = {}
     for k, name in enumerate(names):
         chains = np.swapaxes(walks[:, k], 1, 2).reshape(-1, walks.shape[2])
-        low, high = arviz_bridge.hdi(chains, hdi_probability)
+        low, high = arviz_bridge.hdi(chains, PROBABILITY)
         rows[name] = {
             "mean": chains.mean(),
             "sd": chains.std(ddof=1),
             "hdi_low": low,
             "hdi_high": high,
-            "hdi_prob": hdi_probability,
+            "hdi_prob": PROBABILITY,
             "ess_bulk": arviz_bridge.ess_bulk(chains),
             "ess_tail": tails[k],
             "r_hat": r_hats[k],
@@ -76,7 +74,7 @@ def reweighted(table: pd.DataFrame, draws: FloatArray, log_weight: FloatArray) -
     efficiency = 1.0 / (weight**2).sum() / weight.size
     chosen = draws[resample(log_weight, len(draws))]
     found = table.assign(mean=chosen.mean(axis=0), sd=chosen.std(axis=0, ddof=1))
-    limits = [arviz_bridge.hdi(column, table["hdi_prob"].iloc[0]) for column in chosen.T]
+    limits = [arviz_bridge.hdi(column, PROBABILITY) for column in chosen.T]
     found["hdi_low"], found["hdi_high"] = np.transpose(limits)
     # the weighted draws are a subset of all, and their effective number is reduced by the weights
     share = min(1.0, weight.size / float(table["ess_bulk"].max()))

@@ -45,25 +45,28 @@ class Checkpoint:
     ----------
     directory
         Directory of the results.
-    request
-        The settings requested for the run, as JSON values, needed for its continuation.
     salvage
         Whether to use the last intact state if a later one is damaged.
     replace
         Whether a new run may replace an earlier one.
     inputs
         Files that the run reads, which are never replaced.
+
+    Attributes
+    ----------
+    request
+        The settings requested for the run, as JSON values, needed for its continuation; None until they are set.
     """
 
     def __init__(
         self,
         directory: Path,
-        request: Any = None,
         salvage: bool = False,
         replace: bool = False,
         inputs: Iterable[Path] = (),
     ) -> None:
-        self.directory, self.request, self._replace, self._inputs = directory, request, replace, tuple(inputs)
+        self.directory, self._replace, self._inputs = directory, replace, tuple(inputs)
+        self.request: Any = None
         self._home, self._held = directory / CHECKPOINT, ExitStack()
         self._record: saved.Record | None = None
         self._state: RunState | None = None
@@ -72,9 +75,7 @@ class Checkpoint:
         self._kept: tuple[int, ...] = ()  # numbers of the last two files that are whole
 
     @classmethod
-    def create(
-        cls, directory: str | Path, replace: bool = False, request: Any = None, inputs: Iterable[Path] = ()
-    ) -> Checkpoint:
+    def create(cls, directory: str | Path, replace: bool = False, inputs: Iterable[Path] = ()) -> Checkpoint:
         """Return the checkpoint of a new run; an earlier result is removed when the first state is saved.
 
         Parameters
@@ -83,8 +84,6 @@ class Checkpoint:
             An empty directory or a new one.
         replace
             Whether it may contain an earlier run; only the files of that run are then removed.
-        request
-            The settings requested for the run, needed for its continuation.
         inputs
             Files that the run reads, which are never removed.
 
@@ -97,7 +96,7 @@ class Checkpoint:
         """
         if Path(directory).is_dir():  # other contents are rejected below
             require_free(Path(directory) / CHECKPOINT / LOCK)
-        checkpoint = cls(Path(directory), request, False, replace, inputs)
+        checkpoint = cls(Path(directory), False, replace, inputs)
         checkpoint._require_vacant()
         return checkpoint
 

@@ -12,9 +12,9 @@ POINTS = np.arange(1, 100) / 100
 @pytest.mark.parametrize("size", [20, 200])
 def test_uniform_values_stay_within_the_band_as_often_as_is_said(rng, size):
     values = rng.random((2000, size))
-    band = simultaneous_band(size, POINTS, 0.9)
+    low, high = simultaneous_band(size, POINTS, 0.9)
     share = (values[:, :, None] <= POINTS).mean(axis=1)
-    inside = ((share >= band.low) & (share <= band.high)).all(axis=1)
+    inside = ((share >= low) & (share <= high)).all(axis=1)
     assert 0.9 - 3 * np.sqrt(0.09 / 2000) < inside.mean() < 0.95
     found = np.array([uniformity_p_value(one, POINTS) for one in values[:400]])
     assert np.mean(found < 0.1) < 0.1 + 3 * np.sqrt(0.09 / 400)

@@ -22,7 +22,7 @@ def test_effective_sizes_follow_tau():
 
 def test_summary_has_the_columns_of_the_file():
     values = np.random.default_rng(5).standard_normal((4, 500, 10, 2)) * [1, 2] + [0, 5]
-    table = summarise(["b", "m"], values, 0.9)
+    table = summarise(["b", "m"], values)
     assert table.index.name == "parameter"
     expected = "mean sd hdi_low hdi_high hdi_prob ess_bulk ess_tail r_hat mcse_mean mcse_sd"
     assert " ".join(table.columns) == expected

@@ -111,7 +111,8 @@ def test_nothing_is_computed_or_left_of_a_run_that_could_not_be_stored(tmp_path,
     # negative control: what is well walks
     with quickly(), pytest.raises(AssertionError, match="walked"):
         sample(data, **OPTIONS)
-    kept = Checkpoint.create(tmp_path / "out", request={"files": {1, 2}})
+    kept = Checkpoint.create(tmp_path / "out")
+    kept.request = {"files": {1, 2}}
     with kept, pytest.raises(InputError, match="request: 'files'"):
         kept.begin({"model": "any"})
     assert list(tmp_path.iterdir()) == []
