@@ -220,7 +220,8 @@ def read_record(directory: Path) -> Record:
     while True:
         path = state_path(directory, _begun(directory)[-1])
         try:
-            with np.load(path, allow_pickle=False) as file:
+            # NumPy leaves a file that it opened itself open if it is no archive
+            with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
                 return _record(_values(path, file))
         except InputError:
             raise
