@@ -29,8 +29,8 @@ SPREADS = frozenset({"tau", "varsigma", "omega", "tau_b", "tau_m", "varsigma_f"}
 
 TOUCHES = "Which touches would tell most? 'softness-bayes design' with these tables; after a run, with --given DIR."
 
-BATCH = 64
-"""Parameter vectors of a call whose time is measured."""
+BATCH, STEPS = 64, 20
+"""Parameter vectors of a call whose time is measured, and steps of as many walkers."""
 
 MOST_OTHERS, MOST_ROWS = 6, 40
 """Largest numbers of alternative designs that are listed, and of rows of people's means that are shown."""
@@ -245,13 +245,16 @@ def cost_lines(model: ExperimentModel) -> list[str]:
 
     Errors are the largest over draws of the prior and conditions: of the response, relative to the peak of each draw,
     and of log(N/N_ref + eps). Costs are the time per parameter vector in batches of 64, measured on this machine; those
-    of presets are without the likelihood.
+    of presets are without the likelihood. A run's time follows from steps of ensembles, whose batches are smaller.
     """
     import numpy as np
     import pandas as pd
 
     from softness_bayes.bench.precision import quickest
     from softness_bayes.model.scenes import prior_draws
+    from softness_bayes.sampler.adaptation import TriangularMap
+    from softness_bayes.sampler.chains import EnsembleState, random_state
+    from softness_bayes.sampler.ensembles import advance
     from softness_bayes.sampler.sampling import Settings
     from softness_bayes.sampler.workers import available_processors, one_thread
     from softness_bayes.touch.accuracy import DRAWS, PRESETS, first, measured
@@ -262,8 +265,13 @@ def cost_lines(model: ExperimentModel) -> list[str]:
     rng, draws = np.random.default_rng(0), prior_draws(posterior.space)
     middle, some = np.median(posterior.draw_start(rng, 500), axis=0), first(draws.parameters, BATCH)
     points = middle + 0.2 * rng.standard_normal((BATCH, middle.size))
+    plain = TriangularMap.identity(middle.size)
+    target = posterior.for_sampling
+    begun = [EnsembleState(points, target(points), random_state(np.random.RandomState(0)))] * settings.together
     with one_thread():
-        cost = quickest(lambda: posterior.for_sampling(points), 3) / BATCH
+        cost = quickest(partial(target, points), 3) / BATCH
+        walked = partial(advance, target, begun, STEPS, settings.first_moves, plain)
+        moved = quickest(walked, 3) / (STEPS * len(begun) * BATCH)
         each = [measured(scene.recompiled(discretisation=preset), draws) for preset in PRESETS]
         ladder = [(one, quickest(partial(one.scene.total_rate, some), 3) / BATCH) for one in each]
     usual = settings.usual_evaluations(middle.size)
@@ -293,8 +301,9 @@ def cost_lines(model: ExperimentModel) -> list[str]:
     return [
         f"accuracy {model.options.accuracy:g}, {scene.n_conditions} conditions, errors over {DRAWS} draws of the prior",
         f"\n{pd.DataFrame(stages).to_string(index=False)}",
-        f"\ncost: {1e6 * cost:.1f} µs for the posterior of each parameter vector, {BATCH} at a time, on one core",
-        f"usual run: {usual} vectors, {cost * usual / cores:.3g} s of sampling on {counted(cores, 'processor')}; "
+        f"\ncost: {1e6 * cost:.1f} µs for the posterior of each parameter vector, {BATCH} at a time, on one core, "
+        f"and {1e6 * moved:.1f} µs in steps of a run",
+        f"usual run: {usual} vectors, {moved * usual / cores:.3g} s of sampling on {counted(cores, 'processor')}; "
         "thin or bent posteriors, such as of brackets, take up to 20 times as many",
         f"\npresets:\n{pd.DataFrame(presets).to_string(index=False)}",
     ]
