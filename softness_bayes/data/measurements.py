@@ -231,8 +231,8 @@ class Afferents(OneTable):
         for pair in (("force_n", "indentation_mm"), ("rate_hz", "count")):
             if not {*pair} & table.titles.keys():
                 table.lack(f"no column {pair[0]!r} or {pair[1]!r}", *pair)
-        if "count" in table and "rate_hz" not in table:
-            table.require("window_s")
+        if "count" in table and not {"rate_hz", "window_s"} & table.titles.keys():
+            table.lack("expected a count with its duration in column 'window_s'", "window_s")
         table.check()
         values = {column.name: table.numbers(column) for column in (COUNT, *RESPONSES.values())}
         kept = np.flatnonzero(["".join(texts).strip() for texts in table.keys("rate_hz", "count")])

@@ -92,17 +92,16 @@ def test_loo_pit_shows_the_distribution_of_the_values_and_the_band(run):
     pit = run.group("constant_data")["loo_pit"].values
     x = np.arange(1, 100) / 100
     assert_allclose(artist(figure, "ecdf").get_ydata(), (pit[:, None] <= x).mean(axis=0) - x, atol=1e-12)
-    band = simultaneous_band(pit.size, x, 0.9)
+    low, high = simultaneous_band(pit.size, x, 0.9)
     corners = artist(figure, "band").get_paths()[0].vertices[:, 1]
-    assert_allclose([corners.min(), corners.max()], [(band.low - x).min(), (band.high - x).max()])
+    assert_allclose([corners.min(), corners.max()], [(low - x).min(), (high - x).max()])
     assert "approximate" in " ".join(text.get_text() for text in figure.legends[0].get_texts())
     # the figure tells uniform values from those of predictions that are far too wide
     for values, inside in ((np.random.default_rng(4).uniform(size=200), True), (0.5 + 0.1 * (pit - 0.5), False)):
         groups = {"constant_data": xr.Dataset({"loo_pit": ("rating_row", values)})}
         figure = drawn(loo_pit(invented_run(groups=groups), USUAL))
-        line, limits = artist(figure, "ecdf"), simultaneous_band(values.size, x)
-        shown = line.get_ydata() + x
-        assert ((shown >= limits.low) & (shown <= limits.high)).all() == inside
+        shown, (low, high) = artist(figure, "ecdf").get_ydata() + x, simultaneous_band(values.size, x, 0.95)
+        assert ((shown >= low) & (shown <= high)).all() == inside
 
 
 def test_ratings_against_the_ratio_stand_at_each_draws_own(run):
