@@ -8,7 +8,7 @@ ensemble has its own random generator, so that its draws are those that it would
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from softness_bayes.sampler.adaptation import TriangularMap
 from softness_bayes.sampler.chains import EnsembleState, Segment, random_state
 from softness_bayes.sampler.moves import Moves, Proposal, Student, StudentModes
+from softness_bayes.sampler.target import TargetDensity
 
 FloatArray = NDArray[np.float64]
 
 
 def advance(
-    target: Callable[[FloatArray], FloatArray],
+    target: TargetDensity,
     states: Sequence[EnsembleState],
     steps: int,
     moves: Moves,
@@ -34,7 +35,7 @@ def advance(
     Parameters
     ----------
     target
-        Log density to sample at points (n, dimension), shape (n,).
+        Density to sample.
     states
         States of the ensembles.
     steps

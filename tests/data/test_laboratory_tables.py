@@ -5,7 +5,6 @@ import pytest
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.data import Afferents, Compression, Fabrics, Ratings, read_experiment
-from softness_bayes.data.columns import is_reversed
 from support.command_line import call
 from support.refusals import refusal
 
@@ -166,23 +165,6 @@ def test_a_further_column_of_a_fabric_is_not_passed_over(file):
     assert len(read_experiment(file(wide.format("age")), cloth, force_n=1.0).ratings) == 4
     both = file("fabric,effective_modulus_kpa\nfelt,20\nfelt 2,50\nlawn,90\n", "fabrics.csv")
     assert len(read_experiment(file(wide.format("felt 2")), both, force_n=1.0).ratings) == 6
-
-
-@pytest.mark.parametrize(
-    ("title", "reversed_"),
-    [
-        ("softness (1 = very soft, 7 = not at all soft)", True),
-        ("softness (1 = not soft, 7 = very soft)", False),
-        ("softness (1 = least soft, 7 = most soft)", False),
-        ("Bewertung (1 = sehr weich)", True),
-        ("Bewertung (7 = sehr weich)", False),
-        ("softness (1 = very hard)", False),
-        ("柔らかさ (1=柔らかい, 7=硬い)", True),
-        ("柔らかさ (1=硬い, 7=柔らかい)", False),
-    ],
-)
-def test_ends_of_a_scale_may_be_negated_or_alone(title, reversed_):
-    assert is_reversed(title) is reversed_
 
 
 # advice

@@ -368,6 +368,15 @@ def test_a_hint_is_tried_before_it_is_given(file):
         ("Softness [hard-soft]", False),
         ("softness 7: very soft, 1: very hard", False),
         ("Weichheit", False),
+        # ends may be negated, or alone
+        ("softness (1 = very soft, 7 = not at all soft)", True),
+        ("softness (1 = not soft, 7 = very soft)", False),
+        ("softness (1 = least soft, 7 = most soft)", False),
+        ("Bewertung (1 = sehr weich)", True),
+        ("Bewertung (7 = sehr weich)", False),
+        ("softness (1 = very hard)", False),
+        ("柔らかさ (1=柔らかい, 7=硬い)", True),
+        ("柔らかさ (1=硬い, 7=柔らかい)", False),
     ],
 )
 def test_titles_of_reversed_scales(title, reversed_):
