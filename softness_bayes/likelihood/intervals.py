@@ -196,21 +196,22 @@ class IntervalRatings(RatingsLikelihood):
         low, high = self._stated.ends(self.values)
         self._exact = low == high
         self._lapses = lapses or model.lapses(low, high, design)
-        order = np.argsort(design.participant, kind="stable")
-        self._order, self._back = order, np.argsort(order)
-        self._condition = design.condition[order]
-        self._raters, rater = np.unique(design.participant[order], return_inverse=True)
         with np.errstate(divide="ignore"):
             lapse = self._lapses.log_probability(low, high, scale)
-            self._rows = Rows(scale.additive(low), scale.additive(high), lapse).take(order)
-        latent, level = scale.additive(self.values)[order], model.level
-        trust = np.ones(order.size) if model.law == NORMAL else _trust(latent, rater, self._condition)
-        lapse = np.where(self._rows.lapse > -np.inf, self._rows.lapse, 0.0)
-        answers = np.column_stack([self._condition, self.values[order], low[order], high[order], lapse])
-        answer = np.unique(answers, axis=0, return_inverse=True)[1].ravel()
-        how = model.law, rater, design.fabric[self._condition], design.n_fabrics, level.mean, level.sd, trust, answer
+            rows = Rows(scale.additive(low), scale.additive(high), lapse)
+        # rows of the table are the different answers of each rater, sorted by rater
+        answer = _numbers_of(design.condition, self.values, low, high, np.where(lapse > -np.inf, lapse, 0.0))
+        self._place = _numbers_of(design.participant, answer)
+        self._first, times = np.unique(self._place, return_index=True, return_counts=True)[1:]
+        self._rows = rows.take(self._first)
+        self._condition = design.condition[self._first]
+        self._raters, rater = np.unique(design.participant[self._first], return_inverse=True)
+        latent, level = scale.additive(self.values), model.level
+        trust = np.ones(latent.size) if model.law == NORMAL else _trust(latent, design.participant, design.condition)
+        fabrics = design.fabric[self._condition], design.n_fabrics
+        how = model.law, rater, *fabrics, level.mean, level.sd, trust[self._first], times, answer[self._first]
         by_sums = model.law == NORMAL and self._exact.all()
-        self._table = NormalTable(*how, values=latent) if by_sums else Table(*how)
+        self._table = NormalTable(*how, values=latent[self._first]) if by_sums else Table(*how)
         self._integrals = Integrals(self._table)
         self._density = self._integrals.log_density
         self._slope = np.where(self._exact, scale.log_slope(self.values), 0.0)
@@ -254,7 +255,7 @@ class IntervalRatings(RatingsLikelihood):
         Half the probability of an equal rating counts as below. Lapses are left out of that.
         """
         given, shape = self._given(mean_rate, parameters)
-        density, below = (part[:, self._back].reshape(*shape, -1) for part in self._integrals.of_rows(given))
+        density, below = (part[:, self._place].reshape(*shape, -1) for part in self._integrals.of_rows(given))
         return RowsLeftOut(density - self._slope, below)
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
@@ -291,7 +292,7 @@ class IntervalRatings(RatingsLikelihood):
         """
         model, design = self.model, self.design
         expected = model.expected_log(design, self.drive(mean_rate, parameters), effects)
-        rows, spread = self._rows_at(parameters).take(self._back), model.error_spread(design, parameters, effects)
+        rows, spread = self._rows_at(parameters).take(self._place), model.error_spread(design, parameters, effects)
         typical = model.error_sd(parameters)[..., None]
         return typical * RowLaw(model.law, rows, expected, spread, parameters).scores(self._shares)
 
@@ -323,8 +324,14 @@ class IntervalRatings(RatingsLikelihood):
         return given, shape
 
     def _rows_at(self, parameters: Parameters) -> Rows:
-        """Return every row's interval, sorted by rater; in this class independent of the parameters."""
+        """Return the intervals of the different ratings; in this class independent of the parameters."""
         return self._rows
+
+
+def _numbers_of(*columns: NDArray[Any]) -> IndexArray:
+    """Return numbers of rows, shape (rows,): equal rows have the same, without gaps, in ascending order of columns."""
+    found: IndexArray = np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].ravel()
+    return found
 
 
 def _trust(values: FloatArray, rater: IndexArray, condition: IndexArray) -> FloatArray:
@@ -438,7 +445,7 @@ class CategoryRatings(IntervalRatings):
         ends = self.model.thresholds(parameters)
         shape = (*ends.shape[:-1], 1)
         ends = np.concatenate([np.full(shape, -np.inf), ends, np.full(shape, np.inf)], axis=-1)
-        category = self.values[self._order].astype(np.intp)
+        category = self.values[self._first].astype(np.intp)
         lapse = np.full(category.size, -np.log(self.model.categories))
         return Rows(ends[..., category - 1], ends[..., category], lapse)
 

@@ -128,7 +128,7 @@ class Extent(NamedTuple):
         information = np.broadcast_to(1.0 / (spread**2 + 0.25 * (given.rows.high - given.rows.low) ** 2), slope.shape)
         sharpest = table.count / given.spread**2
         tau = np.maximum(given.tau, _LEAST_TAU * np.minimum(sharpest.max(axis=-1, keepdims=True) ** -0.5, table.spread))
-        of_rater = np.add.reduceat(information, first, axis=-1)
+        of_rater = table.by_rater(information)
         of_level = 1.0 / (tau**2 + 1.0 / np.maximum(of_rater, 1e-300))
         others = of_level.sum(axis=-1, keepdims=True) - of_level
         broad = np.sqrt(tau**2 + 1.0 / (table.spread**-2 + others))
@@ -149,10 +149,10 @@ class Extent(NamedTuple):
         narrow = (sharpest.max(axis=-1) + tau[:, 0] ** -2) ** -0.5
         least, most = low.min(axis=-1), high.max(axis=-1)
         together, apart = _number(most - least, narrow), _number((high - low).max(axis=-1), narrow)
-        shared = together * table.answers.size <= apart * table.n_different
+        shared = together * table.answers.size <= apart * table.rater.size
         low, high = np.where(shared[:, None], least[:, None], low), np.where(shared[:, None], most[:, None], high)
 
-        moved = np.abs(np.add.reduceat(slope, first, axis=-1)) * without
+        moved = np.abs(table.by_rater(slope)) * without
         half = (REACH * np.sqrt(without) + moved).max(axis=-1)
         # the sharpest density of the level and a rater's scale together
         sharp = (sharpest / (1.0 + tau**2 * sharpest)).sum(axis=-1)
@@ -237,16 +237,15 @@ class Marginal:
         table, rest = self.table, self.levels.without_one[..., None]
         # weight of each rater's points given all rows of the other raters
         own = self.weight + _log_product(rest, self._law_of_scale(self.levels.mu), -2)
-        law, rater, column = table.row_law(self.given, self.points), table.rater[table.different], slice(None)
-        if self.points.shared:
-            column = table.answer[table.different]
+        law, rater = table.row_law(self.given, self.points), table.rater
+        column = table.answer if self.points.shared else slice(None)
         value, below = (np.swapaxes(part, -1, -2)[:, column] for part in (law.log_probability(), law.below()))
         with np.errstate(invalid="ignore"):
             rest = np.where(value > -np.inf, own[:, rater] - value, -np.inf)
         whole = log_sum(rest, axis=-1)
         share = np.exp(rest - whole[..., None])
         density = log_sum(own, axis=-1)[:, rater] - whole
-        return density[:, table.equal], (share * below).sum(axis=-1)[:, table.equal]
+        return density, (share * below).sum(axis=-1)
 
     def draw(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Return draws of mu, (draws,), and of raters' effects less the level in units of their spreads, as `own`."""

@@ -23,7 +23,7 @@ from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import FloatArray, IndexArray
 from softness_bayes.likelihood.error_laws import ErrorLaw
 from softness_bayes.likelihood.pieces import BLOCK, pieces
-from softness_bayes.likelihood.row_laws import RowLaw, Rows, RowTerms
+from softness_bayes.likelihood.row_laws import RowLaw, Rows
 
 
 @dataclass(frozen=True)
@@ -65,12 +65,12 @@ class Given:
 
     @property
     def middles(self) -> tuple[FloatArray, FloatArray]:
-        """Middle and width of each interval, (rows,) or (draws, rows); an infinite end is 20 spreads off the other."""
+        """Middle and width of each interval, (rows,) or (draws, rows); an infinite end is 3 spreads off the other."""
         low, high = self.rows.low, self.rows.high
         if not np.isfinite(high - low).all():
             low, high = (
-                np.where(np.isfinite(low), low, high - 20.0 * self.spread),
-                np.where(np.isfinite(high), high, low + 20.0 * self.spread),
+                np.where(np.isfinite(low), low, high - 3.0 * self.spread),
+                np.where(np.isfinite(high), high, low + 3.0 * self.spread),
             )
         return 0.5 * (low + high), high - low
 
@@ -169,6 +169,8 @@ class Table:
         Prior mean and standard deviation of the level mu.
     trust
         Weight of each row where the search for the mode starts, shape (rows,): less than 1 for an outlier.
+    times
+        Number of equal observations that each row stands for, shape (rows,); by default 1.
     answer
         Number of each row's answer, shape (rows,), without gaps: rows of one answer have the same contribution and the
         same interval, and are evaluated once where their raters' effects are equal. By default all differ.
@@ -183,24 +185,19 @@ class Table:
         centre: float,
         spread: float,
         trust: FloatArray,
+        times: IndexArray | None = None,
         answer: IndexArray | None = None,
     ) -> None:
-        self.trust, self.answer = trust, np.arange(rater.size) if answer is None else answer
+        self.law, self.rater, self.fabric, self.n_fabrics = law, rater, fabric, n_fabrics
+        self.centre, self.spread, self.trust = centre, spread, trust
+        self.times = np.ones(rater.size, np.float32) if times is None else times.astype(np.float32)
+        """Number of observations of each row, in single precision, which rows in single precision keep."""
+        self.answer = np.arange(rater.size) if answer is None else answer
         self.answers = np.unique(self.answer, return_index=True)[1]
         """A row of each answer, shape (answers,)."""
-        self.different: Any = slice(None)
-        """A row of each answer of each rater, or all rows."""
-        self.equal: Any = slice(None)
-        """Number of each row among these."""
-        own = np.unique(rater * rater.size + self.answer, return_index=True, return_inverse=True)[1:]
-        self.n_different = own[0].size
-        if self.n_different < rater.size:
-            self.different, self.equal = own
-        self._times = csr_array((np.ones(rater.size), (self.answer, rater)))
-        self.law, self.rater, self.fabric, self.n_fabrics = law, rater, fabric, n_fabrics
-        self.centre, self.spread = centre, spread
+        self._times_of_answer = csr_array((self.times.astype(float), (self.answer, rater)))
         self.first = np.flatnonzero(np.diff(rater, prepend=-1))
-        self.count = np.diff(np.append(self.first, rater.size)).astype(float)
+        self.count = self.by_rater(np.ones(rater.size))
         self._by_fabric = np.argsort(rater * n_fabrics + fabric, kind="stable")
         cell = (rater * n_fabrics + fabric)[self._by_fabric]
         self._first_of_cell = np.flatnonzero(np.diff(cell, prepend=-1))
@@ -237,11 +234,8 @@ class Table:
     def sums(self, given: Given, effects: UnitEffects) -> Sums:
         """Return the sums over rows given all effects."""
         expected, c, spread = self.expectations(given, effects)
-        noise, some = given.tau_varsigma is not None, self.different
-        of_some = expected[:, some], spread if spread.shape[-1] == 1 else spread[:, some]
-        terms = RowLaw(self.law, given.rows.take(some), *of_some, given.law_parameters, np.float32).terms(noise)
-        if not isinstance(self.equal, slice):
-            terms = RowTerms._make(None if values is None else values[:, self.equal] for values in terms)
+        noise = given.tau_varsigma is not None
+        terms = RowLaw(self.law, given.rows, expected, spread, given.law_parameters, np.float32).terms(noise)
         add, mean, bend = self._summing(given), terms.of_mean, terms.of_mean2
         first, second = [add(mean)], {(0, 0): add(bend)}
         safe: Entries = {} if self.law.concave else {(0, 0): add(np.minimum(bend, 0.0))}
@@ -258,13 +252,11 @@ class Table:
         return Sums.of(add(terms.value), first, second, safe)
 
     def row_law(self, given: Given, points: Points) -> RowLaw:
-        """Return the law of rows at points, (draws, points, rows), without omega: of `answers` or of `different` rows.
+        """Return the law of rows at points, (draws, points, rows), without omega.
 
-        The former if all raters have the same points.
+        Rows are those of `answers` if all raters have the same points.
         """
-        rater, some = slice(None), self.answers
-        if not points.shared:
-            rater, some = self.rater[self.different], self.different
+        rater, some = (slice(None), self.answers) if points.shared else (self.rater, slice(None))
 
         def of_rows(values: FloatArray) -> FloatArray:
             return np.swapaxes(values, -1, -2)[..., rater]
@@ -280,20 +272,20 @@ class Table:
 
     def of_raters(self, given: Given, points: Points) -> FloatArray:
         """Return the log density of each rater's rows at points, (draws, raters, points)."""
-        each, rows = [], self.answers.size if points.shared else self.n_different
+        each, rows = [], self.answers.size if points.shared else self.rater.size
         for some in pieces(points.scale.shape[-1], rows * len(points.scale), BLOCK):
             part = Points(points.scale[..., some], points.others[..., some, :], points.log_weight[..., some])
             value = self.row_law(given, part).log_probability()
             if points.shared:
-                value = (value.reshape(-1, rows) @ self._times).reshape(*value.shape[:2], -1)
+                value = (value.reshape(-1, rows) @ self._times_of_answer).reshape(*value.shape[:2], -1)
             else:
-                value = self.by_rater(value[..., self.equal])
+                value = self.by_rater(value)
             each.append(np.swapaxes(value, -1, -2))
         return np.concatenate(each, axis=-1)
 
     def by_rater(self, values: FloatArray) -> FloatArray:
-        """Return the sums of rows (..., rows) of each rater in double precision, shape (..., raters)."""
-        return np.asarray(np.add.reduceat(values, self.first, axis=-1, dtype=float))
+        """Return the sums over each rater's observations, of rows (..., rows), in double precision, (..., raters)."""
+        return np.asarray(np.add.reduceat(values * self.times, self.first, axis=-1, dtype=float))
 
     def _summing(self, given: Given) -> Any:
         """Return a function that adds rows (draws, rows) by rater, or by rater and fabric if fabrics deviate."""
@@ -302,7 +294,7 @@ class Table:
 
         def by_cell(values: FloatArray) -> FloatArray:
             found = np.zeros((len(values), self.n_raters * self.n_fabrics))
-            ordered = values[:, self._by_fabric]
+            ordered = (values * self.times)[:, self._by_fabric]
             found[:, self._cells] = np.add.reduceat(ordered, self._first_of_cell, axis=-1, dtype=float)
             return found.reshape(len(values), self.n_raters, self.n_fabrics)
 
