@@ -61,6 +61,8 @@ class IntervalModel(RatingModel):
     differ: tuple[str, ...] = ()
     end: ClassVar[float] = np.inf
     """Upper end of the scale."""
+    beyond: ClassVar[float] = 3.0
+    """Width taken for an interval without an end where the search for the mode starts [spreads of the errors]."""
 
     @property
     def error(self) -> ErrorLaw:  # type: ignore[override]
@@ -198,20 +200,21 @@ class IntervalRatings(RatingsLikelihood):
         self._lapses = lapses or model.lapses(low, high, design)
         with np.errstate(divide="ignore"):
             lapse = self._lapses.log_probability(low, high, scale)
-            rows = Rows(scale.additive(low), scale.additive(high), lapse)
+            every = Rows(scale.additive(low), scale.additive(high), lapse)
         # rows of the table are the different answers of each rater, sorted by rater
         answer = _numbers_of(design.condition, self.values, low, high, np.where(lapse > -np.inf, lapse, 0.0))
         self._place = _numbers_of(design.participant, answer)
         self._first, times = np.unique(self._place, return_index=True, return_counts=True)[1:]
-        self._rows = rows.take(self._first)
+        self._rows = every.take(self._first)
         self._condition = design.condition[self._first]
         self._raters, rater = np.unique(design.participant[self._first], return_inverse=True)
         latent, level = scale.additive(self.values), model.level
         trust = np.ones(latent.size) if model.law == NORMAL else _trust(latent, design.participant, design.condition)
-        fabrics = design.fabric[self._condition], design.n_fabrics
-        how = model.law, rater, *fabrics, level.mean, level.sd, trust[self._first], times, answer[self._first]
+        fabric, trusted = design.fabric[self._condition], trust[self._first]
+        how = model.law, rater, fabric, design.n_fabrics, level.mean, level.sd, trusted, model.beyond, times
         by_sums = model.law == NORMAL and self._exact.all()
-        self._table = NormalTable(*how, values=latent[self._first]) if by_sums else Table(*how)
+        number = answer[self._first]
+        self._table = NormalTable(*how, number, values=latent[self._first]) if by_sums else Table(*how, number)
         self._integrals = Integrals(self._table)
         self._density = self._integrals.log_density
         self._slope = np.where(self._exact, scale.log_slope(self.values), 0.0)
@@ -362,6 +365,7 @@ class CategoryModel(IntervalModel):
 
     scale: ClassVar[Scale] = CATEGORIES
     centre: float = 1.0
+    beyond: ClassVar[float] = 30.0  # expectations lie farther beyond the last threshold than beyond a zero
     categories: int = 7
 
     @property

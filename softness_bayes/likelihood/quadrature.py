@@ -143,7 +143,7 @@ class Extent(NamedTuple):
         away = REACH * width + np.maximum.reduceat(np.abs(slope), first, axis=-1) * width**2
         low, high = centre - away, centre + away
         if not concave:  # any row may be an outlier or a lapse, or all but one
-            own, reach = given.middles[0] - c, REACH * np.minimum(sharpest**-0.5, wide)
+            own, reach = table.middles(given)[0] - c, REACH * np.minimum(sharpest**-0.5, wide)
             low = np.minimum(np.minimum(low, mid - REACH * wide), np.minimum.reduceat(own, first, axis=-1) - reach)
             high = np.maximum(np.maximum(high, mid + REACH * wide), np.maximum.reduceat(own, first, axis=-1) + reach)
         narrow = (sharpest.max(axis=-1) + tau[:, 0] ** -2) ** -0.5

@@ -63,17 +63,6 @@ class Given:
         """Spreads of the effects that each rater has, in the order of `UnitEffects.own`."""
         return tuple(spread for spread in (self.tau, self.tau_gamma, self.tau_varsigma) if spread is not None)
 
-    @property
-    def middles(self) -> tuple[FloatArray, FloatArray]:
-        """Middle and width of each interval, (rows,) or (draws, rows); an infinite end is 3 spreads off the other."""
-        low, high = self.rows.low, self.rows.high
-        if not np.isfinite(high - low).all():
-            low, high = (
-                np.where(np.isfinite(low), low, high - 3.0 * self.spread),
-                np.where(np.isfinite(high), high, low + 3.0 * self.spread),
-            )
-        return 0.5 * (low + high), high - low
-
     def part(self, draws: Any) -> Self:
         """Return some of the draws."""
         some = {f.name: getattr(self, f.name) for f in fields(self)}
@@ -169,6 +158,8 @@ class Table:
         Prior mean and standard deviation of the level mu.
     trust
         Weight of each row where the search for the mode starts, shape (rows,): less than 1 for an outlier.
+    beyond
+        Width taken for an interval without an end where the search for the mode starts [spreads of the errors].
     times
         Number of equal observations that each row stands for, shape (rows,); by default 1.
     answer
@@ -185,11 +176,12 @@ class Table:
         centre: float,
         spread: float,
         trust: FloatArray,
+        beyond: float = 3.0,
         times: IndexArray | None = None,
         answer: IndexArray | None = None,
     ) -> None:
         self.law, self.rater, self.fabric, self.n_fabrics = law, rater, fabric, n_fabrics
-        self.centre, self.spread, self.trust = centre, spread, trust
+        self.centre, self.spread, self.trust, self.beyond = centre, spread, trust, beyond
         self.times = np.ones(rater.size, np.float32) if times is None else times.astype(np.float32)
         """Number of observations of each row, in single precision, which rows in single precision keep."""
         self.answer = np.arange(rater.size) if answer is None else answer
@@ -211,6 +203,16 @@ class Table:
     def mu(self, level: FloatArray) -> FloatArray:
         """Return mu for zeta."""
         return self.centre + self.spread * level
+
+    def middles(self, given: Given) -> tuple[FloatArray, FloatArray]:
+        """Return middle and width of each interval, (rows,) or (draws, rows), with `beyond` as that of open ones."""
+        low, high = given.rows.low, given.rows.high
+        if not np.isfinite(high - low).all():
+            low, high = (
+                np.where(np.isfinite(low), low, high - self.beyond * given.spread),
+                np.where(np.isfinite(high), high, low + self.beyond * given.spread),
+            )
+        return 0.5 * (low + high), high - low
 
     def effects(self, given: Given, values: FloatArray) -> UnitEffects:
         """Return views of all effects' values, shape (draws, effects): the level, raters' own, then fabrics'."""
@@ -306,7 +308,7 @@ class Table:
         An interval counts as its middle, with the variance that rounding to it adds.
         """
         shape, k, add = (len(given.drive), self.n_raters), 1, self.by_rater
-        middle, width = given.middles
+        middle, width = self.middles(given)
         weight = self.trust / (given.spread**2 + width**2 / 12.0)
         precision = add(weight)
         mean = add(weight * (middle - given.drive)) / precision - self.centre
