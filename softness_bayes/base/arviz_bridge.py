@@ -199,19 +199,21 @@ def read_netcdf(path: str | os.PathLike[str]) -> xarray.DataTree:
     import h5py
     import xarray
 
-    def variable(name: str, stored: h5py.Dataset) -> tuple[tuple[str, ...], Any, dict[str, Any]]:
-        dims = [file[one[0]].name.rpartition("/")[2] for one in stored.attrs.get("DIMENSION_LIST", ())]
-        if stored.is_scale:
+    def variable(name: str, stored: h5py.Dataset, scales: Mapping[h5py.Dataset, str]) -> tuple[Any, ...]:
+        # axes by their datasets: to ask HDF5 for the name of one takes a millisecond
+        dims = [scales[file[one[0]]] for one in stored.attrs.get("DIMENSION_LIST", ())]
+        if stored in scales:
             dims = [name]
         text = h5py.check_string_dtype(stored.dtype) is not None
         units = {"units": str(stored.attrs["units"])} if "units" in stored.attrs else {}
         return tuple(dims), (stored.asstr() if text else stored)[()], units
 
+    def dataset(group: h5py.Group) -> xarray.Dataset:
+        scales = {stored: name for name, stored in group.items() if stored.is_scale}
+        return xarray.Dataset({name: variable(name, stored, scales) for name, stored in group.items()})
+
     with h5py.File(path) as file:
-        groups = {
-            f"/{group}": xarray.Dataset({name: variable(name, stored) for name, stored in file[group].items()})
-            for group in file
-        }
+        groups = {f"/{name}": dataset(group) for name, group in file.items()}
         attributes = {name: value for name, value in file.attrs.items() if name != "_NCProperties"}
         attributes = {name: value[0] if np.ndim(value) else value for name, value in attributes.items()}
         groups["/"] = xarray.Dataset(attrs=attributes)
@@ -219,12 +221,12 @@ def read_netcdf(path: str | os.PathLike[str]) -> xarray.DataTree:
 
 
 @contextmanager
-def without(library: str) -> Iterator[None]:
-    """Keep others from importing a library in a ``with`` block: it takes a second, and serves arguments of its types.
+def without(library: str, user: str) -> Iterator[None]:
+    """Keep its user from importing a library in a ``with`` block: it is slow, and serves only arguments of its types.
 
-    Nothing changes if the program has imported it already.
+    Nothing changes if the program has imported one of the two already.
     """
-    unknown = library not in sys.modules
+    unknown = library not in sys.modules and user not in sys.modules
     if unknown:
         sys.modules[library] = None  # type: ignore[assignment]
     try:

@@ -55,9 +55,12 @@ def reading(*directories: Path, trust_code: bool) -> Iterator[list[Result]]:
     InputError
         If a result cannot be read, or lacks data that the command needs.
     """
-    from softness_bayes.results.result import Result
+    from softness_bayes.base.arviz_bridge import without
 
-    results = [Result.load(directory, trust_code=trust_code) for directory in directories]
+    with without("dask", "xarray"):
+        from softness_bayes.results.result import Result
+
+        results = [Result.load(directory, trust_code=trust_code) for directory in directories]
     try:
         yield results
     except KeyError as error:

@@ -78,7 +78,7 @@ def corner(result: stored.Drawable, style: Style, every: bool = False) -> Figure
     import pandas as pd
     from matplotlib.figure import Figure
 
-    with without("arviz"):
+    with without("arviz", "corner"):
         import corner as library
 
     names, labels = stored.sampled_parameters(result)
