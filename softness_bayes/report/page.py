@@ -44,7 +44,7 @@ REPORT = "report"
 """Command under which the page is listed in the record of written files."""
 
 SECTIONS = {
-    **dict.fromkeys(("rating", "rating_ratio", "response", "response_ratio"), "charts"),
+    **dict.fromkeys(("rating", "response"), "charts"),
     **dict.fromkeys(("predictive_checks", "category_counts", "psychometric", "loo_pit"), "checks"),
     **dict.fromkeys(("trace", "rank"), "sampler"),
 }
@@ -69,7 +69,7 @@ class Picture(NamedTuple):
 def write_report(
     result: Result,
     path: str | Path,
-    own_figures: Sequence[str] = (),
+    requested: Sequence[str] = (),
     title: str = "",
     author: str = "",
     progress: Callable[[str, int], None] = lambda name, of: None,
@@ -82,8 +82,8 @@ def write_report(
         A finished run.
     path
         Path of the file; missing parent directories are created.
-    own_figures
-        Importable names of custom figures to include.
+    requested
+        Names of further figures, built-in or custom.
     title, author
         Heading of the page, by default "Report of a run", and its author.
     progress
@@ -103,19 +103,21 @@ def write_report(
     if path.is_dir():
         raise InputError(f"{path}: is a directory, expected a file for the report")
     require_outputs(path.parent, [path.name], REPORT)
-    write_outputs(path.parent, {path.name: report_page(result, own_figures, title, author, progress)}, REPORT)
+    write_outputs(path.parent, {path.name: report_page(result, requested, title, author, progress)}, REPORT)
     return path
 
 
 def report_page(
     result: Result,
-    own_figures: Sequence[str] = (),
+    requested: Sequence[str] = (),
     title: str = "",
     author: str = "",
     progress: Callable[[str, int], None] = lambda name, of: None,
 ) -> str:
     """Return the report of a run as one self-contained HTML document; arguments as in `write_report`."""
-    require_figures(own_figures)
+    require_figures(requested)
+    every = figures_of(result)
+    shown = [*dict.fromkeys((*(name for name in every if figure_named(name).in_report), *requested))]
     environment = Environment(
         loader=PackageLoader("softness_bayes.report"),
         autoescape=True,
@@ -136,7 +138,8 @@ def report_page(
         findings=cards(result),
         has_ratings=result.has_ratings,
         **(_of_ratings(result) if result.has_ratings else {}),
-        pictures=[picture(result, name) for name in announced((*figures_of(result), *own_figures), progress)],
+        pictures=[picture(result, name) for name in announced(shown, progress)],
+        further=[name for name in every if name not in shown],
         parameters=tables.of_parameters(result),
         directions=tables.of_directions(result),
         provenance=tables.of_provenance(result),

@@ -24,7 +24,7 @@ from softness_bayes.base.readable import chance, number
 from softness_bayes.cli import main, sample
 from softness_bayes.likelihood.scales import FALLS
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.plotting.figures import figures_of
+from softness_bayes.plotting.figures import FIGURES, figures_of
 from softness_bayes.report import page
 from softness_bayes.report.cards import Standing, cards
 from softness_bayes.report.charts import chart_data
@@ -148,7 +148,10 @@ def test_a_page_is_one_file_that_is_well_formed_and_can_be_read_aloud(pages, mad
     for element in elements:
         assert element.attributes.get("aria-labelledby", ids[0]) in ids
     pictures = [e for e in elements if e.tag == "img"]
-    assert len(pictures) == len(figures_of(made(name)))
+    every = figures_of(made(name))
+    further = [one for one in every if not FIGURES[one].in_report]
+    assert len(pictures) == len(every) - len(further)
+    assert f"softness-bayes plot DIR also draws {', '.join(further)}." in {e.text for e in elements if e.tag == "p"}
     assert all(len(e.attributes["alt"]) > 5 for e in pictures)
     assert {e.attributes.get("scope") for e in elements if e.tag == "th"} == {"row", "col"}
     assert next(e for e in elements if e.tag == "html").attributes["lang"] == "en"
@@ -277,6 +280,13 @@ def test_title_and_author_are_words(made, quick):
     assert tree.by_class("author")[0].text == "Ann & <Bo>"
     assert next(e for e in tree.elements() if e.tag == "title").text.startswith(EVIL)
     assert not Tree(report_page(made("skin"))).by_class("author")
+
+
+def test_a_figure_that_is_left_out_is_shown_on_request(quick, made):
+    tree = Tree(report_page(made("skin"), ("trace", "prior")))
+    shown = [e.attributes["id"] for e in tree.elements() if e.tag == "figure"]
+    assert shown == ["figure-corner", "figure-prior", "figure-compression", "figure-rank", "figure-trace"]
+    assert not [e for e in tree.elements() if "also draws" in e.text]
 
 
 def test_texts_in_place_of_figures_hold_the_numbers_of_the_run(made):
