@@ -168,7 +168,7 @@ class SingleAnswers:
         density = [RowLaw(self.law, rows, middle + sd * x, spread, law).log_probability() for x in at]
         return np.asarray(logsumexp(density, axis=0, b=(weight / weight.sum())[:, None, None]) + self.jacobian)
 
-    @property
+    @cached_property
     def unanimous(self) -> IntArray:
         """Conditions all of whose ratings are one category, or open on one and the same side; none for pairs."""
         if self.scale == PAIRS:

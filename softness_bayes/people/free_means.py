@@ -10,6 +10,7 @@ Nothing here knows a modulus or a load: loads are only names.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -65,9 +66,8 @@ class FreeMeans:
         Draws of the mean of each condition over these raters, on the additive scale, shape (draws, conditions).
     rating
         The same as ratings.
-    log_density, log_density_alike
-        Log density of each answer given all others, with free means and with all fabrics alike (one mean for each
-        group of loads), shape (answers,).
+    log_density
+        Log density of each answer given all others, shape (answers,).
     cluster
         Group of each answer within which errors of a sum are not independent: the fabric; for pairs, the two fabrics;
         for lists, all of whose places by one participant are one answer, the participant.
@@ -93,14 +93,19 @@ class FreeMeans:
         names, load = groups_of_loads(ratings)
         pairs, condition = np.unique(ratings.fabric * len(names) + load, return_inverse=True)
         alike = np.unique(load, return_inverse=True)[1]
-        free, same = (answers_of(ratings, meaning, options, index) for index in (condition, alike))
+        free, self._same = (answers_of(ratings, meaning, options, index) for index in (condition, alike))
         self.fabrics, self.loads, self.scale = ratings.fabrics, tuple(names), options.scale
         self.fabric, self.load = np.divmod(pairs, len(names))
         self.means, self.log_density, given = _fit(free, options)
-        self.rating, self.log_density_alike = free.natural(self.means, given), _fit(same, options)[1]
+        self.rating, self._options = free.natural(self.means, given), options
         self.cluster, self.ratings_at = _clusters(ratings, options.scale), np.bincount(condition)
         self.noise_known = ratings.cells is None or ratings.cells.geometric_sd is not None
         self.word = word_of(ratings.rating_column, options.scale)
+
+    @cached_property
+    def log_density_alike(self) -> Array:
+        """Log density of each answer given all others with all fabrics alike: one mean for each group of loads."""
+        return _fit(self._same, self._options)[1]
 
     def under(self, load: int) -> IntArray:
         """Return the conditions of one group of loads, from the highest mean down."""

@@ -15,7 +15,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from importlib import resources
 from types import MappingProxyType
 from typing import Any
@@ -207,6 +207,7 @@ class FiringSurface:
     noise = 0.0
 
     @classmethod
+    @cache
     def load(cls, membrane: Membrane = CONNOR_STEVENS) -> FiringSurface:
         """Return the surface of a membrane from the shipped tables.
 
