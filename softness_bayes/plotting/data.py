@@ -71,10 +71,9 @@ def data_of(figure: Figure) -> pd.DataFrame:
                     columns |= {name: np.full(columns["x"].shape, np.nan) for name in ("y", "y_end")}
                 names = getattr(artist, _NAMES, None)
                 fits = names is not None and len(names) == columns["x"].size
-                parts.append(
-                    pd.DataFrame({"element": element, "panel": panel, "name": names if fits else "", **columns})
-                )
-                parts[-1]["x_axis"], parts[-1]["y_axis"] = (_plain(_label(axes, which)) for which in "xy")
+                own = {"element": element, "panel": panel, "name": names if fits else ""}
+                labels = {f"{which}_axis": _plain(_label(axes, which)) for which in "xy"}
+                parts.append(pd.DataFrame(own | columns | labels))
     head = ["element", "panel", "name", *_Rows._fields, "x_axis", "y_axis"]
     return _rounded(pd.concat(parts, ignore_index=True)) if parts else pd.DataFrame(columns=head)
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.gridspec import GridSpec
+    from matplotlib.lines import Line2D
 
 SEEN = 0.02
 """Fraction of the largest stress at which the axis of distances ends."""
@@ -68,8 +69,8 @@ def touch(result: stored.Drawable, style: Style) -> Figure:
     figure = Figure(figsize=(width, height), layout="constrained")
     ratios = [1.7 / tall, 1.4 / tall, *[1.0] * len(fabrics)]
     grid = figure.add_gridspec(len(fabrics) + 2, columns, height_ratios=ratios)
-    _draw_profiles(figure, grid, touches, fabrics, style)
-    _draw_maps(figure, grid, touches, fabrics, style)
+    keys = [*_draw_profiles(figure, grid, touches, fabrics, style), *_draw_maps(figure, grid, touches, fabrics, style)]
+    figure.legend(handles=keys, loc="outside lower center", ncols=3 if width >= WIDE else 1)
     return figure
 
 
@@ -88,8 +89,10 @@ def _fabric_labels(result: stored.Drawable) -> list[str]:
     return labels
 
 
-def _draw_profiles(figure: Figure, grid: GridSpec, touches: xr.Dataset, fabrics: list[str], style: Style) -> None:
-    """Draw stress, pressure and rates against the distance, in a column for each load, and their legend."""
+def _draw_profiles(
+    figure: Figure, grid: GridSpec, touches: xr.Dataset, fabrics: list[str], style: Style
+) -> list[Line2D]:
+    """Draw stress, pressure and rates against the distance, in a column for each load; return keys of the lines."""
     from matplotlib.lines import Line2D
 
     x, low, middle, high = touches["distance_mm"].values, *(touches.sel(quantile=q) for q in LIMITS[::2])
@@ -116,18 +119,18 @@ def _draw_profiles(figure: Figure, grid: GridSpec, touches: xr.Dataset, fabrics:
             panel.tick_params(labelleft=k == 0, labelbottom=panel is below)
     cells[0][0].set(ylim=(0.0, None), ylabel="stress [kPa]")
     cells[0][1].set(ylim=(0.0, None), ylabel="firing rate [Hz]")
-    keys = [
+    return [
         Line2D([], [], color="black", linewidth=0.9, label="stress at the receptors, 90 % credible"),
         Line2D([], [], color="black", linewidth=0.9, linestyle="--", label="pressure on the skin"),
         *(Line2D([], [], color=colour, label=label) for colour, label in zip(colours, fabrics, strict=True)),
     ]
-    figure.legend(handles=keys, loc="outside upper left", ncols=3 if figure.get_figwidth() >= WIDE else 1)
 
 
-def _draw_maps(figure: Figure, grid: GridSpec, touches: xr.Dataset, fabrics: list[str], style: Style) -> None:
-    """Draw a map of the pad for each fabric and load: receptors by their rates, the edge of the contact, and keys.
+def _draw_maps(figure: Figure, grid: GridSpec, touches: xr.Dataset, fabrics: list[str], style: Style) -> list[Line2D]:
+    """Draw a map of the pad for each fabric and load, and the key of rates; return keys of the symbols.
 
-    The map shows a part of the pad with all contacts inside, which has the pad's proportions.
+    Receptors are coloured by their rates. The map shows a part of the pad with all contacts inside, which has the
+    pad's proportions.
     """
     from matplotlib.patches import Circle
     from matplotlib.ticker import MultipleLocator
@@ -165,11 +168,11 @@ def _draw_maps(figure: Figure, grid: GridSpec, touches: xr.Dataset, fabrics: lis
                 axes.set_title(label, color=style.ensembles[row % len(style.ensembles)])
             if row == len(fabrics) - 1:
                 axes.set_xlabel("along the finger [mm]")
-    _draw_keys(figure, cells, ends, style)
+    return _draw_keys(figure, cells, ends, style)
 
 
-def _draw_keys(figure: Figure, cells: list[Axes], ends: tuple[float, float], style: Style) -> None:
-    """Draw the key of rates and the legend of the receptors' symbols below the maps."""
+def _draw_keys(figure: Figure, cells: list[Axes], ends: tuple[float, float], style: Style) -> list[Line2D]:
+    """Draw the key of rates below the maps, and return keys of the receptors' symbols."""
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -178,12 +181,11 @@ def _draw_keys(figure: Figure, cells: list[Axes], ends: tuple[float, float], sty
     mapped, words = ScalarMappable(Normalize(*ends), COLOURS), "firing rate of a receptor [Hz]"
     figure.colorbar(mapped, ax=cells, location="bottom", aspect=50, shrink=0.6, label=words)
     dot: dict[str, Any] = {"linestyle": "none", "marker": "o"}
-    keys = [
+    return [
         Line2D([], [], color=colormaps[COLOURS](0.7), markersize=4, label="firing receptor (colour: rate)", **dot),
         Line2D([], [], color=style.absent, markerfacecolor="none", markersize=3, label="silent receptor", **dot),
         Line2D([], [], color="black", linewidth=0.6, label="edge of the contact"),
     ]
-    figure.legend(handles=keys, loc="outside lower center", ncols=3 if figure.get_figwidth() >= WIDE else 1)
 
 
 def membrane(result: stored.Drawable, style: Style) -> Figure:
