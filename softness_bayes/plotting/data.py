@@ -141,9 +141,6 @@ def _plain(label: str) -> str:
 
 
 def _rounded(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table without empty columns, with numbers rounded to `DIGITS` significant digits."""
-    table = table.copy()
-    for name in table.columns:
-        if table[name].dtype.kind == "f":
-            table[name] = [float(f"{value:.{DIGITS}g}") for value in table[name]]
-    return table
+    """Return a table with numbers rounded to `DIGITS` significant digits."""
+    numbers = table.select_dtypes("float").items()
+    return table.assign(**{str(name): [float(f"{value:.{DIGITS}g}") for value in column] for name, column in numbers})

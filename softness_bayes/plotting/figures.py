@@ -45,8 +45,6 @@ class Drawing:
         Whether the figure is drawn only on request.
     only
         The rating scale that the figure is limited to; None for any scale.
-    in_report
-        Whether a report shows the figure without being asked.
     """
 
     draw: Callable[[Drawable, Style], Figure]
@@ -54,7 +52,6 @@ class Drawing:
     needs: Mapping[str, str] = field(default_factory=dict)
     on_request: bool = False
     only: Scale | None = None
-    in_report: bool = True
 
     def lacks(self, result: Drawable) -> str:
         """Return the reason why the data of this figure are missing; empty if the result has them."""
@@ -99,14 +96,11 @@ FIGURES: Mapping[str, Drawing] = MappingProxyType(
             response.response, "response against E_fab under each load, with credible bands of 50 and 90 %", CURVES
         ),
         "response_ratio": Drawing(
-            partial(response.response, against_ratio=True), "response against E_fab / E_skin", CURVES, in_report=False
+            partial(response.response, against_ratio=True), "response against E_fab / E_skin", CURVES
         ),
         "rating": Drawing(rating.rating, "predicted and observed ratings against E_fab under each load", CURVES),
         "rating_ratio": Drawing(
-            partial(rating.rating, against_ratio=True),
-            "predicted and observed ratings against E_fab / E_skin",
-            CURVES,
-            in_report=False,
+            partial(rating.rating, against_ratio=True), "predicted and observed ratings against E_fab / E_skin", CURVES
         ),
         "inflection": Drawing(response.inflection, "where the response turns over under each load", CURVES),
         "predictive_checks": Drawing(
@@ -135,19 +129,14 @@ FIGURES: Mapping[str, Drawing] = MappingProxyType(
             touch.touch,
             "pressure and stress under the pad, and firing rates of its receptors, at the posterior medians",
             CURVES | TOUCH,
-            in_report=False,
         ),
-        "membrane": Drawing(
-            touch.membrane, "firing rate against current, and example spike trains", CURVES | FIRING, in_report=False
-        ),
+        "membrane": Drawing(touch.membrane, "firing rate against current, and example spike trains", CURVES | FIRING),
         "corner": Drawing(parameters.corner, "joint posterior of the most correlated pairs of parameters"),
         "corner_all": Drawing(
             partial(parameters.corner, every=True), "joint posterior of every pair of parameters", on_request=True
         ),
         "prior": Drawing(parameters.prior, "prior (grey) and posterior (blue) of every parameter"),
-        "trace": Drawing(
-            parameters.trace, "trace of every parameter in each ensemble, against the steps", ENSEMBLES, in_report=False
-        ),
+        "trace": Drawing(parameters.trace, "trace of every parameter in each ensemble, against the steps", ENSEMBLES),
         "rank": Drawing(
             parameters.rank,
             "ranks of the draws of each ensemble among all draws, uniform if the ensembles agree",

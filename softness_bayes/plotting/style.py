@@ -260,21 +260,6 @@ def save(figure: Figure, path: str | Path, formats: Sequence[str] = ("png", "pdf
     return write_outputs(path.parent, files_of(figure, path.name, formats, style), PLOT)
 
 
-@contextmanager
-def laid_out(figure: Figure) -> Iterator[None]:
-    """Lay a figure out once for all files written inside a ``with`` block: each would draw it twice otherwise."""
-    engine = figure.get_layout_engine()
-    if engine is not None:
-        for axes in figure.axes:  # the frame is the panel itself, and to find its ticks takes a tenth of the time
-            axes.spines[:].set_in_layout(False)
-        engine.execute(figure)
-    figure.set_layout_engine(None)
-    try:
-        yield
-    finally:
-        figure.set_layout_engine(engine)
-
-
 def files_of(
     figure: Figure,
     stem: str,
@@ -289,12 +274,21 @@ def files_of(
     require_formats(formats)
     contents: dict[str, bytes] = {}
     resolution: dict[str, Any] = {} if dpi is None else {"dpi": dpi}
-    with style.applied(), laid_out(figure):
-        for name in formats:
-            if name == DATA:
-                contents[f"{stem}.{name}"] = csv_of(data_of(figure), index=False).encode()
-                continue
-            more: dict[str, Any] = {"pil_kwargs": {"compress_level": COMPRESSION}} if name == "png" else {}
-            figure.savefig(drawn := io.BytesIO(), format=name, metadata=dict(METADATA[name]), **more, **resolution)
-            contents[f"{stem}.{name}"] = drawn.getvalue()
+    engine = figure.get_layout_engine()
+    with style.applied():
+        if engine is not None:
+            for axes in figure.axes:  # the frame is the panel itself, and to find its ticks takes a tenth of the time
+                axes.spines[:].set_in_layout(False)
+            engine.execute(figure)
+        figure.set_layout_engine(None)  # each file would be laid out again, and drawn twice for it
+        try:
+            for name in formats:
+                if name == DATA:
+                    contents[f"{stem}.{name}"] = csv_of(data_of(figure), index=False).encode()
+                    continue
+                more: dict[str, Any] = {"pil_kwargs": {"compress_level": COMPRESSION}} if name == "png" else {}
+                figure.savefig(drawn := io.BytesIO(), format=name, metadata=dict(METADATA[name]), **more, **resolution)
+                contents[f"{stem}.{name}"] = drawn.getvalue()
+        finally:
+            figure.set_layout_engine(engine)
     return contents

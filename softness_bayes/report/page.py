@@ -32,9 +32,6 @@ from softness_bayes.results.result import Result
 RESOLUTION = 150
 """Resolution of the figures on the page [dots per inch]: sharp on a screen, with small files."""
 
-COARSE = 100
-"""Resolution of the figures of the sampler [dots per inch], whose many lines make large files."""
-
 GENERATOR = '<meta name="generator" content="softness-bayes">'
 """Element of the HTML head that names the program."""
 
@@ -49,6 +46,9 @@ SECTIONS = {
     **dict.fromkeys(("trace", "rank"), "sampler"),
 }
 """Sections of figures that replace the interactive charts in print and without scripts, of checks, of the sampler."""
+
+LEFT_OUT = ("rating_ratio", "response_ratio", "touch", "membrane", "trace")
+"""Figures that are shown only on request: they take long, and their findings are in others or in tables."""
 
 PEOPLE = ("participant", "finger")
 """Axes and columns with names of people."""
@@ -116,8 +116,7 @@ def report_page(
 ) -> str:
     """Return the report of a run as one self-contained HTML document; arguments as in `write_report`."""
     require_figures(requested)
-    every = figures_of(result)
-    shown = [*dict.fromkeys((*(name for name in every if figure_named(name).in_report), *requested))]
+    shown = [*dict.fromkeys([*(name for name in figures_of(result) if name not in LEFT_OUT), *requested])]
     environment = Environment(
         loader=PackageLoader("softness_bayes.report"),
         autoescape=True,
@@ -139,7 +138,7 @@ def report_page(
         has_ratings=result.has_ratings,
         **(_of_ratings(result) if result.has_ratings else {}),
         pictures=[picture(result, name) for name in announced(shown, progress)],
-        further=[name for name in every if name not in shown],
+        further=[name for name in figures_of(result) if name not in shown],
         parameters=tables.of_parameters(result),
         directions=tables.of_directions(result),
         provenance=tables.of_provenance(result),
@@ -182,11 +181,10 @@ def renamed(result: Result, names: Mapping[str, str]) -> Result:
 
 def picture(result: Result, name: str) -> Picture:
     """Return a figure by its name, drawn and embedded."""
-    drawing, section = figure_named(name), SECTIONS.get(name, "learnt")
-    dpi = COARSE if section == "sampler" else RESOLUTION
-    (drawn,) = files_of(drawing(result, USUAL), name, ("png",), USUAL, dpi).values()
-    source, caption = _as_link("image/png", drawn), sentence(drawing.shows)
-    return Picture(file_of(name), source, caption, alternative_text(result, name, caption), section)
+    drawing = figure_named(name)
+    (drawn,) = files_of(drawing(result, USUAL), name, ("png",), USUAL, RESOLUTION).values()
+    source, caption, section = _as_link("image/png", drawn), sentence(drawing.shows), SECTIONS.get(name, "learnt")
+    return Picture(file_of(name), source, caption, " ".join([caption, *shown_by(result, name)]), section)
 
 
 def _as_link(kind: str, content: bytes) -> str:
@@ -237,13 +235,8 @@ def unbroken(value: Any) -> Any:
     return re.sub(r"(?<=\d) (?=%)", "\u00a0", value) if type(value) is str else value
 
 
-def alternative_text(result: Result, name: str, caption: str) -> str:
-    """Return the caption of a figure and, unless it is a custom one, what it shows of this run."""
-    return " ".join([caption, *_content(result, name)])
-
-
-def _content(result: Result, name: str) -> Iterator[str]:
-    """Yield sentences on what a figure shows of this run."""
+def shown_by(result: Result, name: str) -> Iterator[str]:
+    """Yield sentences on what a figure shows of this run; none for a custom one."""
     if name in ("response", "response_ratio", "inflection"):
         for load, row in result.inflection().iterrows():
             place = f", at {number(row['e_fab_kpa'])} kPa" if np.isfinite(row["e_fab_kpa"]) else ""

@@ -99,13 +99,13 @@ def read_file(path: Path, verify: bool = True, trust_code: bool = False) -> tupl
             f"{path}: schema {schema!r:.40}, expected {SCHEMA}, the only one that this version reads; read it with the "
             "version of softness-bayes that wrote it"
         )
-    groups = tree.filter(lambda node: node.name != TABLES)
-    groups.attrs = dict(tree.attrs)
+    tables = _tables(path, tree)
+    del tree[TABLES]
     # text variables that are no labels: laws of the fabrics' moduli
-    variables = [v for node in groups.children.values() for v in node.data_vars.values()]
+    variables = [v for node in tree.children.values() for v in node.data_vars.values()]
     texts = [v.values.ravel() for v in variables if v.dtype.kind not in "biufc"]
-    require_trusted(str(path), [groups.attrs, *texts], trust_code)
-    return groups, _tables(path, tree)
+    require_trusted(str(path), [dict(tree.attrs), *texts], trust_code)
+    return tree, tables
 
 
 def _tables(path: Path, tree: xr.DataTree) -> dict[str, pd.DataFrame]:

@@ -24,11 +24,11 @@ from softness_bayes.base.readable import chance, number
 from softness_bayes.cli import main, sample
 from softness_bayes.likelihood.scales import FALLS
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.plotting.figures import FIGURES, figures_of
+from softness_bayes.plotting.figures import figures_of
 from softness_bayes.report import page
 from softness_bayes.report.cards import Standing, cards
 from softness_bayes.report.charts import chart_data
-from softness_bayes.report.page import alternative_text, anonymous, renamed, report_page, write_report
+from softness_bayes.report.page import anonymous, renamed, report_page, shown_by, write_report
 from softness_bayes.report.tables import MOST_FABRICS, repetition
 from softness_bayes.results.run_options import DataFiles, Request, RunOptions
 from softness_bayes.touch.readings import CLASSICAL
@@ -149,7 +149,7 @@ def test_a_page_is_one_file_that_is_well_formed_and_can_be_read_aloud(pages, mad
         assert element.attributes.get("aria-labelledby", ids[0]) in ids
     pictures = [e for e in elements if e.tag == "img"]
     every = figures_of(made(name))
-    further = [one for one in every if not FIGURES[one].in_report]
+    further = [one for one in every if one in page.LEFT_OUT]
     assert len(pictures) == len(every) - len(further)
     assert f"softness-bayes plot DIR also draws {', '.join(further)}." in {e.text for e in elements if e.tag == "p"}
     assert all(len(e.attributes["alt"]) > 5 for e in pictures)
@@ -291,13 +291,11 @@ def test_a_figure_that_is_left_out_is_shown_on_request(quick, made):
 
 def test_texts_in_place_of_figures_hold_the_numbers_of_the_run(made):
     result = made("ratings")
-    for name in figures_of(result):
-        text = alternative_text(result, name, "A figure.")
-        assert text.startswith("A figure.")
+    said = {name: " ".join(shown_by(result, name)) for name in figures_of(result)}
     row = result.inflection().iloc[0]
-    assert f"turning point with probability {chance(row['p_interior'])}" in alternative_text(result, "response", "")
+    assert f"turning point with probability {chance(row['p_interior'])}" in said["response"]
     rated = result.tables["fabric_ratings"].loc["2 mm", "rated"]
-    assert f"to {number(rated.max())} ({rated.idxmax()})" in alternative_text(result, "rating", "")
+    assert f"to {number(rated.max())} ({rated.idxmax()})" in said["rating"]
 
 
 def test_compression_alone_says_what_does_not_apply(pages, made):
