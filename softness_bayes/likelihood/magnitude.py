@@ -167,22 +167,27 @@ class LogRatings(RatingsLikelihood):
     def _law(self, drive: FloatArray, parameters: Parameters) -> EffectLaw:
         """Return the normal law of the log ratings."""
         variance = self.model.error_sd(parameters)[..., None] ** 2
-        return EffectLaw.of(drive, variance, parameters.tau, self._shared(self.design.fabric, parameters))
+        return EffectLaw.of(drive, variance, parameters.tau, *self._shared(self.design.fabric, parameters))
 
     def _at(self, mean_rate: FloatArray, parameters: Parameters) -> EffectLaw:
         return self._law(self.drive(mean_rate, parameters), parameters)
 
-    def _shared(self, fabric: IndexArray, parameters: Parameters, *more: FloatArray) -> FloatArray:
-        """Return the weights of shared effects, (..., conditions, effects): level, fabrics if they deviate, and more.
+    def _shared(
+        self, fabric: IndexArray, parameters: Parameters, loads: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return weights and standard deviations of shared effects: the level, fabrics if they deviate, and loads.
 
-        `fabric` is the fabric of each condition of `_rows`.
+        `fabric` is the fabric of each condition of `_rows`; the weights of loads, whose standard deviation is 1, have
+        the shape (..., conditions, loads).
         """
-        parts = [np.full((fabric.size, 1), self.model.spread), *more]
-        omega = np.asarray(parameters.omega, float)[..., None, None]
-        if (omega > 0).any():
-            parts.insert(1, omega * np.eye(self.design.n_fabrics)[fabric])
-        shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
-        return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1)
+        omega = np.asarray(parameters.omega, float)[..., None]
+        fabrics = self.design.n_fabrics if (omega > 0).any() else 0
+        weights = np.hstack([np.ones((fabric.size, 1)), np.eye(self.design.n_fabrics)[fabric, :fabrics]])
+        if loads is not None:
+            weights = np.concatenate([np.broadcast_to(weights, (*loads.shape[:-1], 1 + fabrics)), loads], axis=-1)
+        sd = np.ones((*omega.shape[:-1], weights.shape[-1]))
+        sd[..., 0], sd[..., 1 : 1 + fabrics] = self.model.spread, omega
+        return weights, sd
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of all ratings together, shape (...)."""

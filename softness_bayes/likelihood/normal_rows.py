@@ -2,7 +2,8 @@
 
 y_i = mean + v_c(i) + x_c(i) u + s_p(i) + e_i with u ~ N(0, I), s ~ N(0, tau²) and e ~ N(0, variance_c(i)); c and p are
 the condition and participant of row i. The shared effects u are the level, and those of fabrics or loads, if any; each
-condition has their weights x. Participants are independent given u: each contributes a quadratic function of u, through
+condition has their weights x, the products of weights that are often the same at all draws and of the effects' standard
+deviations. Participants are independent given u: each contributes a quadratic function of u, through
 the precision-weighted mean of its rows and their deviations from it. Where all variances are equal, the density of all
 rows follows from counts and means over the rows, computed once. Sums of squares are computed about a least-squares fit,
 so that digits are not lost.
@@ -40,18 +41,24 @@ class EffectLaw(NamedTuple):
     participant: FloatArray
     """tau, shape (...)."""
     shared: FloatArray
-    """x of each condition, shape (..., conditions, effects)."""
+    """Weights of the shared effects in each condition, shape (..., conditions, effects): x is their product with `sd`.
+    Those without a batch axis are summed over the rows once for all draws."""
+    sd: FloatArray
+    """Standard deviations of the shared effects, shape (..., effects)."""
 
     @classmethod
-    def of(cls, offset: FloatArray, variance: FloatArray, participant: ArrayLike, shared: FloatArray) -> EffectLaw:
+    def of(
+        cls, offset: FloatArray, variance: FloatArray, participant: ArrayLike, shared: FloatArray, sd: ArrayLike = 1.0
+    ) -> EffectLaw:
         """Return the law with variances of at least `LEAST_VARIANCE`."""
-        return cls(offset, np.maximum(variance, LEAST_VARIANCE), np.asarray(participant, float), shared)
+        of_effects = np.asarray(sd, float) * np.ones(shared.shape[-1])
+        return cls(offset, np.maximum(variance, LEAST_VARIANCE), np.asarray(participant, float), shared, of_effects)
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """The common batch shape."""
-        offset, variance, participant, shared = (value.shape for value in self)
-        return np.broadcast_shapes(offset[:-1], variance[:-1], participant, shared[:-2])
+        offset, variance, participant, shared, sd = (value.shape for value in self)
+        return np.broadcast_shapes(offset[:-1], variance[:-1], participant, shared[:-2], sd[:-1])
 
 
 class LeaveOneOut(NamedTuple):
@@ -87,7 +94,6 @@ class _Alike(NamedTuple):
     rows: FloatArray  # of each participant of a group, (groups,)
     number: FloatArray  # of participants, (groups,)
     shares: FloatArray | csr_array  # of the conditions in the rows, (groups, conditions); sparse if most are 0
-    turned: FloatArray | csr_array  # their transpose
     mean: FloatArray  # of the participants' means about the fit, (groups,)
     squares: FloatArray  # sum of the squared deviations of their means from it, (groups,)
     best: FloatArray  # the fit, (conditions,)
@@ -140,8 +146,8 @@ class NormalRows:
         squares = np.bincount(group, (means - mean[group]) ** 2).astype(float)
         shares = patterns / own[:, None]
         dense = np.count_nonzero(shares) > _SPARSE * shares.size
-        shares, turned = (shares, shares.T) if dense else (csr_array(shares), csr_array(shares.T))
-        return _Alike(own, number, shares, turned, mean, squares, fit, every, slope, constant)
+        shares = shares if dense else csr_array(shares)
+        return _Alike(own, number, shares, mean, squares, fit, every, slope, constant)
 
     def of_person(self, values: FloatArray, axis: int = -1) -> FloatArray:
         """Return sums over each participant's pairs of participant and condition, which are adjacent."""
@@ -195,8 +201,10 @@ class NormalRows:
         draws, conditions = math.prod(shape), law.offset.shape[-1]
         width = self.count.size * law.shared.shape[-1]
         offset, variance = (np.broadcast_to(v, (*shape, conditions)).reshape(draws, -1) for v in law[:2])
-        shared = np.broadcast_to(law.shared, (*shape, *law.shared.shape[-2:])).reshape(draws, conditions, -1)
-        flat = EffectLaw(offset, variance, np.broadcast_to(law.participant, shape).reshape(draws), shared)
+        weights = law.shared * law.sd[..., None, :]
+        shared = np.broadcast_to(weights, (*shape, *weights.shape[-2:])).reshape(draws, conditions, -1)
+        sd = np.ones((draws, shared.shape[-1]))
+        flat = EffectLaw(offset, variance, np.broadcast_to(law.participant, shape).reshape(draws), shared, sd)
         found = [work(_Given(self, EffectLaw(*(value[k] for value in flat))), k) for k in pieces(draws, width)]
         several = isinstance(found[0], tuple)
         parts = zip(*found, strict=True) if several else [found]
@@ -208,31 +216,27 @@ class NormalRows:
         About the least-squares fit, the sum of squares within participants is ``constant - 2 d' slope + d' L d`` with d
         the expectations less those of the fit, and L = diag(every) less the participants' means, so that L 1 = 0.
         """
-        rows, number, shares, turned, mean, squares, best, every, slope, constant = self._alike
-        variance, away, many = law.variance[..., 0], law.offset - best, rows * number
+        rows, number, shares, mean, squares, best, every, slope, constant = self._alike
+        variance, many = law.variance[..., 0], rows * number
         of_sum = variance[..., None] + rows * law.participant[..., None] ** 2
         weight = many / of_sum
-        x = law.shared
-        means, middle = _turned(_summed(shares, _turned(x))), (every @ x)[..., None, :] / self.n_rows
+        x, sd, away = law.shared, law.sd, law.offset - best
+        means, of_group = _turned(_summed(shares, _turned(x))), _summed(shares, away)
+        middle = (every @ x)[..., None, :] / self.n_rows
         centred, apart = x - middle, means - middle
-        within = _turned(centred) @ (every[:, None] * centred) - _turned(apart) @ (many[:, None] * apart)
-        between = _turned(means) @ (weight[..., None] * means)
-
-        def residual(u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-            d = away + _times(x, u)
-            of_group, middle = _summed(shares, d), (d @ every / self.n_rows)[..., None]
-            d = d - middle
-            return d, slope - every * d + _summed(turned, (of_group - middle) * many), mean - of_group
-
-        def pull(u: FloatArray) -> FloatArray:
-            _, left, gap = residual(u)
-            return _times(_turned(x), left) / variance[..., None] + _times(_turned(means), weight * gap)
-
-        likely, root = _solved(within / variance[..., None, None] + between, pull)
+        counted, grouped = every[:, None] * centred, many[:, None] * apart
+        within = _turned(centred) @ counted - _turned(apart) @ grouped
+        information = within / variance[..., None, None] + _turned(means) @ (weight[..., None] * means)
+        information = sd[..., None] * information * sd[..., None, :]
+        pull = slope @ centred - _times(_turned(counted), away) + _times(_turned(grouped), of_group)
+        pull = sd * (pull / variance[..., None] + _times(_turned(means), weight * (mean - of_group)))
+        likely, root = _solved(information, lambda u: pull - _times(information, u))
         # at the most probable effects the quadratic form is a sum of squares, so errors enter only squared
-        d, left, gap = residual(likely)
-        quadratic = (constant - (d * (slope + left)).sum(axis=-1)) / variance + (likely**2).sum(axis=-1)
-        quadratic = quadratic + (weight * gap**2 + rows / of_sum * squares).sum(axis=-1)
+        d, of_group = away + _times(x, sd * likely), of_group + _times(means, sd * likely)
+        gap, centre = mean - of_group, (d @ every / self.n_rows)[..., None]
+        d = d - centre
+        quadratic = (constant - 2.0 * d @ slope + d**2 @ every - (of_group - centre) ** 2 @ many) / variance
+        quadratic = quadratic + (likely**2).sum(axis=-1) + (weight * gap**2 + rows / of_sum * squares).sum(axis=-1)
         determinant = (self.n_rows - number.sum()) * np.log(variance) + np.log(of_sum) @ number + log_determinant(root)
         return np.asarray(-0.5 * (self.n_rows * LOG_TWO_PI + determinant + quadratic))
 
@@ -365,7 +369,8 @@ def _turned(matrix: FloatArray) -> FloatArray:
 
 
 def _times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
-    return np.asarray((matrix @ vector[..., None])[..., 0])
+    # one matrix for all draws is one product of matrices
+    return vector @ matrix.T if matrix.ndim == 2 else np.asarray((matrix @ vector[..., None])[..., 0])
 
 
 class EffectGroup(NamedTuple):

@@ -125,7 +125,7 @@ class UncertainLoads(LogRatings):
             variance = variance + np.tensordot(errors.weights, (drives - mean) ** 2, 1)
         along = slope[..., None] * errors.member.T
         shared = self._shared(self.design.fabric[errors.condition], parameters, along)
-        return EffectLaw.of(mean, variance, parameters.tau, shared)
+        return EffectLaw.of(mean, variance, parameters.tau, *shared)
 
     def _given_loads(
         self, drive: FloatArray, parameters: Parameters, effects: Effects
@@ -191,7 +191,7 @@ class OverLoads(UncertainLoads):
             moved = self._between(drives, z[..., self.errors.load])
             # ratio of the prior of z to its sampling density
             weight = 0.5 * (step**2).sum() - 0.5 * (z**2).sum(axis=-1)
-            given = law._replace(offset=moved, shared=law.shared[..., :-loads])
+            given = law._replace(offset=moved, shared=law.shared[..., :-loads], sd=law.sd[..., :-loads])
             terms.append(self._rows.log_density(given) + weight)
         total = logsumexp(terms, axis=0) - math.log(VECTORS)
         return np.asarray(total + np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1))

@@ -61,6 +61,12 @@ def fabrics(rng, design):
     return np.concatenate([np.broadcast_to(level(rng, design), (4, design.n_conditions, 1)), of_fabric], axis=-1)
 
 
+def weighted(rng, design):
+    """The same fabrics as weights that all draws share, and standard deviations of each draw."""
+    weights = np.concatenate([level(rng, design), np.eye(design.n_fabrics)[design.fabric]], axis=-1)
+    return weights, np.append(np.ones((4, 1)), rng.uniform(0.1, 1.0, (4, 1)) * np.ones(design.n_fabrics), axis=-1)
+
+
 def slopes(rng, design):
     return np.concatenate([fabrics(rng, design), rng.standard_normal((4, design.n_conditions, 2))], axis=-1)
 
@@ -68,7 +74,8 @@ def slopes(rng, design):
 def dense(design, law, k):
     """The normal law of all rows at a draw, as mean and covariance."""
     person = np.eye(design.n_participants)[design.participant]
-    shared = np.broadcast_to(law.shared, (4, *law.shared.shape[-2:]))[k, design.condition]
+    shared = law.shared * law.sd[..., None, :]
+    shared = np.broadcast_to(shared, (4, *shared.shape[-2:]))[k, design.condition]
     covariance = shared @ shared.T + law.participant[k] ** 2 * person @ person.T
     variance = np.broadcast_to(law.variance[k], law.offset[k].shape)
     return MEAN + law.offset[k, design.condition], covariance + np.diag(variance[design.condition])
@@ -82,14 +89,17 @@ def given(mean, covariance, values, part):
 
 
 @pytest.mark.parametrize("uneven", [False, True])
-@pytest.mark.parametrize("effects", [level, fabrics, slopes])
+@pytest.mark.parametrize("effects", [level, fabrics, weighted, slopes])
 @pytest.mark.parametrize("table", [complete, gaps, apart, alike, measured, single])
 def test_every_density_is_that_of_the_dense_law(rng, table, effects, uneven):
     design = design_of(table(rng))
     values = 3.0 + 0.8 * rng.standard_normal(design.n_rows)
     variance = rng.uniform(0.1, 1.0, (4, design.n_conditions if uneven else 1)) ** 2
     offset = 5.0 + rng.standard_normal((4, design.n_conditions))
-    law = EffectLaw.of(offset, variance, np.array([0.0, 0.3, 0.9, 6.0]), effects(rng, design))
+    shared = effects(rng, design)
+    law = EffectLaw.of(
+        offset, variance, np.array([0.0, 0.3, 0.9, 6.0]), *(shared if isinstance(shared, tuple) else (shared,))
+    )
     rows = NormalRows(design, values, MEAN)
     density, one, people = rows.log_density(law), rows.leave_one_out(law), rows.without_participants(law).log_density
     for k in range(4):
