@@ -294,7 +294,7 @@ def cost_lines(model: ExperimentModel) -> list[str]:
             "rates": terms[one.discretisation],
             **_shown(one.errors),
             "cost [µs]": f"{1e6 * taken:.1f}",
-            "": "<- chosen" if one.discretisation == d else "",
+            "": "<- chosen" if one.discretisation.nodes == d.nodes else "",
         }
         for one, taken in ladder
     ]

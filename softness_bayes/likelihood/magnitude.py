@@ -167,14 +167,13 @@ class LogRatings(RatingsLikelihood):
     def _law(self, drive: FloatArray, parameters: Parameters) -> EffectLaw:
         """Return the normal law of the log ratings."""
         variance = self.model.error_sd(parameters)[..., None] ** 2
-        return EffectLaw.of(drive, variance, parameters.tau, *self._shared(self.design.fabric, parameters))
+        shared = self._shared(self.design.fabric, parameters, np.empty((self.design.n_conditions, 0)))
+        return EffectLaw.of(drive, variance, parameters.tau, *shared)
 
     def _at(self, mean_rate: FloatArray, parameters: Parameters) -> EffectLaw:
         return self._law(self.drive(mean_rate, parameters), parameters)
 
-    def _shared(
-        self, fabric: IndexArray, parameters: Parameters, loads: FloatArray | None = None
-    ) -> tuple[FloatArray, FloatArray]:
+    def _shared(self, fabric: IndexArray, parameters: Parameters, loads: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return weights and standard deviations of shared effects: the level, fabrics if they deviate, and loads.
 
         `fabric` is the fabric of each condition of `_rows`; the weights of loads, whose standard deviation is 1, have
@@ -182,9 +181,8 @@ class LogRatings(RatingsLikelihood):
         """
         omega = np.asarray(parameters.omega, float)[..., None]
         fabrics = self.design.n_fabrics if (omega > 0).any() else 0
-        weights = np.hstack([np.ones((fabric.size, 1)), np.eye(self.design.n_fabrics)[fabric, :fabrics]])
-        if loads is not None:
-            weights = np.concatenate([np.broadcast_to(weights, (*loads.shape[:-1], 1 + fabrics)), loads], axis=-1)
+        own = np.hstack([np.ones((fabric.size, 1)), np.eye(self.design.n_fabrics)[fabric, :fabrics]])
+        weights = np.concatenate([np.broadcast_to(own, (*loads.shape[:-1], 1 + fabrics)), loads], axis=-1)
         sd = np.ones((*omega.shape[:-1], weights.shape[-1]))
         sd[..., 0], sd[..., 1 : 1 + fabrics] = self.model.spread, omega
         return weights, sd

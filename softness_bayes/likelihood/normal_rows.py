@@ -201,10 +201,9 @@ class NormalRows:
         draws, conditions = math.prod(shape), law.offset.shape[-1]
         width = self.count.size * law.shared.shape[-1]
         offset, variance = (np.broadcast_to(v, (*shape, conditions)).reshape(draws, -1) for v in law[:2])
-        weights = law.shared * law.sd[..., None, :]
-        shared = np.broadcast_to(weights, (*shape, *weights.shape[-2:])).reshape(draws, conditions, -1)
-        sd = np.ones((draws, shared.shape[-1]))
-        flat = EffectLaw(offset, variance, np.broadcast_to(law.participant, shape).reshape(draws), shared, sd)
+        shared = np.broadcast_to(law.shared * law.sd[..., None, :], (*shape, *law.shared.shape[-2:]))
+        participant = np.broadcast_to(law.participant, shape).reshape(draws)
+        flat = EffectLaw(offset, variance, participant, shared.reshape(draws, conditions, -1), np.ones((draws, 1)))
         found = [work(_Given(self, EffectLaw(*(value[k] for value in flat))), k) for k in pieces(draws, width)]
         several = isinstance(found[0], tuple)
         parts = zip(*found, strict=True) if several else [found]
@@ -332,7 +331,8 @@ class _Given:
         diagonal = (1.0 + (self.person[:, person] - self.single) * tau_squared) * self.single * self.kept[:, person]
         of_condition = forward(self.root, _turned(x))
         of_person = forward(self.root, _turned((1.0 - self.kept)[..., None] * self.centre))
-        loss = sum((one[:, condition] - two[:, person]) ** 2 for one, two in _columns(of_condition, of_person))
+        effects = range(x.shape[-1])
+        loss = sum((of_condition[:, k][:, condition] - of_person[:, k][:, person]) ** 2 for k in effects)
         least = 1.0 / (self.law.variance + tau_squared + (x**2).sum(axis=-1))  # the precision without any other row
         precision = np.maximum(diagonal - self.single**2 * loss, least[:, condition])[:, rows.pair_of_row]
         between = self.kept * self.mean
@@ -351,11 +351,6 @@ def _solved(information: FloatArray, pull: Callable[[FloatArray], FloatArray]) -
     for _ in range(_REFINED):
         u = u + backward(root, forward(root, (pull(u) - u)[..., None]))[..., 0]
     return u, root
-
-
-def _columns(*factors: FloatArray) -> Any:
-    """Return the rows of factors (B, effects, columns) one by one."""
-    return zip(*(np.moveaxis(factor, 1, 0) for factor in factors), strict=True)
 
 
 def _summed(weights: FloatArray | csr_array, values: FloatArray) -> FloatArray:

@@ -61,9 +61,9 @@ class LoadCurves:
     loads
         Loads of one kind, between the least and the greatest of which responses are interpolated.
     modulus, poisson
-        E_fab [Pa] and nu_fab of each fabric.
-    fabric, load
-        Index of each condition's fabric, shape (conditions,), and its load.
+        E_fab [Pa] and nu_fab of all fabrics.
+    conditions, fabric, load
+        Column of each condition among all responses and index of its fabric, shape (conditions,), and its load.
     finger, readings, box
         The usual finger, the readings, and the skins that polynomials cover, as `Mechanics` takes them.
     population
@@ -78,6 +78,7 @@ class LoadCurves:
         loads: Sequence[Load],
         modulus: Array,
         poisson: Array,
+        conditions: Index,
         fabric: Index,
         load: Sequence[Load],
         finger: Finger,
@@ -86,14 +87,19 @@ class LoadCurves:
         population: Population,
         nodes: int,
     ) -> None:
+        self.conditions = conditions
+        """Their columns among all responses."""
+        self._fabrics, fabric = np.unique(fabric, return_inverse=True)
+        modulus, poisson = modulus[self._fabrics], poisson[self._fabrics]
         ends = np.log([held(min(loads)), held(max(loads))])
         contacts, self._responses = chebyshev.chebpts1(nodes // 2 + 1), chebyshev.chebpts1(nodes)
         few = [type(loads[0])(float(np.exp(ends.mean() + 0.5 * (ends[1] - ends[0]) * x))) for x in contacts]
         self._population, self._contacts = population, contacts.size
-        self._of_contacts, self._of_responses = (_to_powers(x) for x in (contacts, self._responses))
-        # a place for each condition, and the conditions of each fabric
-        self._place = (2.0 * np.log([held(one) for one in load]) - ends.sum()) / (ends[1] - ends[0])
-        self._conditions = [np.flatnonzero(fabric == k) for k in range(modulus.size)]
+        # from the right, they turn values at these places into coefficients of powers
+        both = (np.vander(x, increasing=True) for x in (contacts, self._responses))
+        self._of_contacts, self._of_responses = (np.linalg.inv(powers).T for powers in both)
+        place = (2.0 * np.log([held(one) for one in load]) - ends.sum()) / (ends[1] - ends[0])
+        self._places = [(conditions[fabric == k], place[fabric == k]) for k in range(modulus.size)]
         # the contacts of all fabrics are solved under the few loads; their responses are computed anywhere
         tables, loaded = dict.fromkeys(few, table), few * modulus.size
         of_fabrics, of_poisson = (np.repeat(one, contacts.size) for one in (modulus, poisson))
@@ -104,9 +110,9 @@ class LoadCurves:
         self._fields = StressFields(tables, few[:1] * self.touches, finger)
 
     def rates(
-        self, p: TouchParameters, modulus: Array | None, finger: Fingertip, drive: Drive
-    ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the total rates [spikes/s], shape (batch, conditions), and which vectors they hold for, (batch,).
+        self, p: TouchParameters, modulus: Array | None, finger: Fingertip, drive: Drive, found: Array
+    ) -> NDArray[np.bool_]:
+        """Put the total rates [spikes/s] into their columns, and return which vectors they hold for, shape (batch,).
 
         They hold if the stress on the axis rises with the load.
 
@@ -115,13 +121,15 @@ class LoadCurves:
         p
             Parameter vectors, shape (batch,).
         modulus
-            E_fab [Pa] that replaces the fabrics' moduli, shape (batch, fabrics), or None.
+            E_fab [Pa] that replaces the moduli of all fabrics, shape (batch, fabrics), or None.
         finger
             The usual finger, or one for each vector.
         drive
             Transduction and firing of these vectors.
+        found
+            Responses of these vectors in all conditions, shape (batch, columns).
         """
-        own = None if modulus is None else modulus.repeat(self._contacts, axis=1)
+        own = None if modulus is None else modulus[:, self._fabrics].repeat(self._contacts, axis=1)
         known = self._mechanics.fields(p.b, p.m, own, finger)
         log_peak = np.log(np.maximum(known.peak, 1e-300))
         values = np.stack([known.along, np.broadcast_to(known.across, log_peak.shape), log_peak])
@@ -135,17 +143,13 @@ class LoadCurves:
         rate = self._population.sums(FieldsAt(self._fields, along, across, np.exp(peak), known.depth), drive).rate
         smooth = np.divide(rate.reshape(s.shape), s * s, out=np.zeros_like(s), where=s > 0)
         smooth = np.moveaxis(smooth @ self._of_responses, -1, 0)
-        scale, found = 2.0 / np.maximum(high - low, 1e-300), np.empty((p.b.size, self._place.size))
-        for k, conditions in enumerate(self._conditions):
-            squared = np.maximum(self._place[conditions] - start[:, k, None], 0.0)
-            x = (np.sqrt(squared) - low[:, k, None]) * scale[:, k, None] - 1.0
+        scale = 2.0 / np.maximum(high - low, 1e-300)
+        first = -1.0 - low * scale
+        for k, (conditions, place) in enumerate(self._places):
+            squared = np.maximum(place - start[:, k, None], 0.0)
+            x = np.sqrt(squared) * scale[:, k, None] + first[:, k, None]
             found[:, conditions] = np.maximum(horner(smooth[:, :, k, None], x) * squared, 0.0)
-        return found, (np.diff(values[2], axis=-1) > 0).all(axis=(1, 2))
-
-
-def _to_powers(x: Array) -> Array:
-    """Return the matrix that, from the right, turns values at some points into coefficients of powers."""
-    return np.asarray(np.linalg.inv(np.vander(x, increasing=True)).T, float)
+        return (np.diff(values[2], axis=-1) > 0).all(axis=(1, 2))
 
 
 def _onset(log_peak: Array, stress: Array) -> Array:

@@ -168,7 +168,8 @@ class Scene:
         used = [self.loads[k] for k in np.unique(self.load)]
         self._whole = stress_tables(used, finger, finger_box, readings, covered, discretisation.field_tolerance)
         # decided once, so that a part of the scene has the errors of the whole
-        self._along = [kind for kind in (Indentation, Force) if self._saves_touches(kind)]
+        self.along = [kind for kind in (Indentation, Force) if self._saves_touches(kind)]
+        """Kinds of loads along which the responses of each fabric are interpolated, if the density of places allows."""
         self._compile()
 
     def _compile(self) -> None:
@@ -183,29 +184,28 @@ class Scene:
             self.__dict__.pop(name, None)
 
     @cached_property
-    def _curves(self) -> list[tuple[Index, Index, LoadCurves]]:
-        """Conditions, fabrics and interpolated responses of each kind of load of which many share a table."""
+    def _curves(self) -> list[LoadCurves]:
+        """Interpolated responses to each kind of load of which many share a table."""
         found = []
-        for kind in self._along:
+        for kind in self.along:
             conditions, many = self._under(kind), [load for load in self._whole if isinstance(load, kind)]
             nodes = places(many, self.discretisation.load_nodes)
-            if not conditions.size or not nodes:
-                continue
-            fabrics, fabric = np.unique(self.fabric[conditions], return_inverse=True)
-            curves = LoadCurves(
-                self.tables[many[0]],
-                many,
-                self.fabric_modulus[fabrics],
-                self._poissons[fabrics],
-                fabric,
-                [self.loads[k] for k in self.load[conditions]],
-                self.finger,
-                self.readings,
-                self.skin_box if self.finger_box is None else None,
-                self.population,
-                nodes,
-            )
-            found.append((conditions, fabrics, curves))
+            if conditions.size and nodes:
+                curves = LoadCurves(
+                    self.tables[many[0]],
+                    many,
+                    self.fabric_modulus,
+                    self._poissons,
+                    conditions,
+                    self.fabric[conditions],
+                    [self.loads[k] for k in self.load[conditions]],
+                    self.finger,
+                    self.readings,
+                    self.skin_box if self.finger_box is None else None,
+                    self.population,
+                    nodes,
+                )
+                found.append(curves)
         return found
 
     def _under(self, kind: type[Load]) -> Index:
@@ -223,8 +223,8 @@ class Scene:
     @cached_property
     def _others(self) -> tuple[Index, Scene]:
         """The conditions whose responses are not interpolated, and their scene."""
-        curves = [conditions for conditions, _, _ in self._curves]
-        others = np.setdiff1d(np.arange(self.n_conditions), np.concatenate(curves))
+        interpolated = np.concatenate([curves.conditions for curves in self._curves])
+        others = np.setdiff1d(np.arange(self.n_conditions), interpolated)
         return others, self.take(others) if others.size else self
 
     @cached_property
@@ -314,10 +314,8 @@ class Scene:
             own = None if modulus is None else modulus[:, self.fabric]
             return self.population.sums(self.mechanics.fields(p.b, p.m, own, finger), drive).rate
         found, holds = np.empty((p.b.size, self.n_conditions)), np.ones(p.b.size, dtype=bool)
-        for conditions, fabrics, curves in self._curves:
-            own = None if modulus is None else modulus[:, fabrics]
-            found[:, conditions], rises = curves.rates(p, own, finger, drive)
-            holds &= rises
+        for curves in self._curves:
+            holds &= curves.rates(p, modulus, finger, drive, found)
         others, scene = self._others
         if others.size:
             found[:, others] = scene._rates(p, modulus, drive)
@@ -490,7 +488,7 @@ class Scene:
             parameters = parameters.broadcast(shape)
             modulus = np.broadcast_to(modulus, (*shape, modulus.shape[-1])).reshape(-1, modulus.shape[-1])
         shape, flat = checked_rows(parameters)
-        touches = sum(curves.touches for _, _, curves in self._curves)
+        touches = sum(curves.touches for curves in self._curves)
         rows = max(LEAST_ROWS, CHUNK // ((touches or self.n_conditions) * self.discretisation.nodes))
 
         def chunks() -> Iterator[tuple[TouchParameters, Array | None, Any]]:
@@ -499,8 +497,10 @@ class Scene:
                 group = TouchParameters(*(value[first : first + several] for value in flat))
                 curve = self.rates.curves(group.channels, group.alpha) if fires else None
                 drive = None if curve is None else Drive(group.alpha, group.beta, group.sigma_0, curve)
-                for start in range(0, max(group.b.size, 1), rows):
-                    k = slice(start, start + rows)
+                # of about equal sizes: a short one would take as long as one of many vectors
+                size = -(-group.b.size // max(1, round(group.b.size / rows))) or 1
+                for start in range(0, max(group.b.size, 1), size):
+                    k = slice(start, start + size)
                     own = None if modulus is None else modulus[first : first + several][k]
                     yield TouchParameters(*(value[k] for value in group)), own, drive and drive.part(k)
 

@@ -358,18 +358,18 @@ class TablePart:
     """
 
     def __init__(self, table: StressTable, matrix: Array) -> None:
-        self.table, self.matrix, self._series = table, matrix, table.table @ matrix.T
+        self.table, self.matrix = table, matrix
+        self._series = matrix @ np.swapaxes(table.table, 1, 2)
 
     def __call__(self, along: Array, across: Array) -> Array:
         """Return the values at scaled coordinates (n,), shape (functions, n); beyond the table exactly, and slowly."""
         beyond = np.flatnonzero(np.maximum(np.abs(along), np.abs(across)) > INSIDE)
         inside = np.clip(along, -1.0, 1.0) if beyond.size else along
-        basis = chebyshev_values(inside, self._series.shape[1])
-        found = self._series[0].T @ basis
-        if len(self._series) > 1:
-            weights = chebyshev_values(np.clip(across, -1.0, 1.0), len(self._series))
-            for weight, series in zip(weights[1:], self._series[1:], strict=True):
-                found += weight * (series.T @ basis)
+        orders, functions, terms = self._series.shape
+        found = self._series.reshape(-1, terms) @ chebyshev_values(inside, terms)
+        if orders > 1:
+            weights = chebyshev_values(np.clip(across, -1.0, 1.0), orders)
+            found = np.einsum("kfn,kn->fn", found.reshape(orders, functions, -1), weights)
         if beyond.size:
             found[:, beyond] = self.matrix @ self.table.exact(along[beyond], across[beyond]).T
         return found

@@ -1,5 +1,7 @@
 """The choice of a resolution: what is chosen, that its error really stays under the bound, and what is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -64,6 +66,18 @@ def test_a_coarser_preset_breaks_the_finer_bound(scenes, rng):
     other = space.touch(space.draw_prior(rng, 300))
     coarse, fine = (scenes(preset).total_rate(other) for preset in (PRESETS[0], PRESETS[2]))
     assert errors(coarse, fine, 249.7, EPS).largest > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("kind", "low", "high", "places"), [(Force, 0.3, 2.5, "fewer"), (Indentation, 1e-3, 3e-3, "all")]
+)
+def test_along_forces_fewer_places_suffice_than_along_indentations(kind, low, high, places):
+    loads = [kind(float(x)) for x in np.geomspace(low, high, 80)]
+    firing, fabric = firing_of(HELD, CONNOR_STEVENS, nodes=PRESETS[0].rate_nodes), np.arange(80) % 2
+    scene = Scene([2e4, 5e5], 0.3, loads, firing, fabric, np.arange(80), discretisation=PRESETS[0])
+    found = choose(scene.coarser, prior_draws(parameter_space(fix=HELD)), 2e-3, PRESETS[:1])
+    assert (found.discretisation == PRESETS[0]) == (places == "all")
+    assert replace(found.discretisation, load_nodes=PRESETS[0].load_nodes) == PRESETS[0]
 
 
 def test_what_cannot_be_reached_is_refused_with_what_can(scenes):
