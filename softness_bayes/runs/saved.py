@@ -25,7 +25,7 @@ from softness_bayes.sampler.chains import RunState, Segment
 from softness_bayes.sampler.diagnostics import Verdict
 from softness_bayes.sampler.sampling import Settings
 
-FORMAT = 7
+FORMAT = 8
 """Version of the layout; other versions are rejected."""
 
 _NAME = re.compile(r"state-([0-9]{7,})\.npz")

@@ -53,7 +53,7 @@ def advance(
     proposals = [StudentModes(one, map, about) if about and isinstance(one, Student) else one for one, _ in moves]
     chances = np.array([share for _, share in moves])
     chances /= sum(share for _, share in moves)
-    ensembles = [_Ensemble(state, steps // stride) for state in states]
+    ensembles = [_Ensemble(state, map.log_volume(state.coordinates), steps // stride) for state in states]
     for step in range(1, steps + 1):
         for one in ensembles:
             one.begin(proposals[one.random.choice(len(proposals), p=chances)])
@@ -62,11 +62,10 @@ def advance(
             if not moving:
                 break
             points = [one.propose(group) for one in moving]
-            found = np.split(
-                target(map.forward(np.concatenate(points))), np.cumsum([len(some) for some in points])[:-1]
-            )
-            for one, density in zip(moving, found, strict=True):
-                one.decide(density)
+            y, ends = np.concatenate(points), np.cumsum([len(some) for some in points])[:-1]
+            found = (np.split(values, ends) for values in (target(map.forward(y)), map.log_volume(y)))
+            for one, density, volume in zip(moving, *found, strict=True):
+                one.decide(density, volume)
         if step % stride == 0:
             for one in ensembles:
                 one.store(step // stride - 1)
@@ -79,8 +78,9 @@ class _Ensemble:
     A step moves all walkers once, in one or two groups, of which each is proposed from the positions of the other.
     """
 
-    def __init__(self, state: EnsembleState, stored: int) -> None:
+    def __init__(self, state: EnsembleState, log_volume: FloatArray, stored: int) -> None:
         self._y, self._log_density = state.coordinates.copy(), state.log_density.copy()
+        self._log_volume = log_volume.copy()
         self.random = np.random.RandomState()
         self.random.set_state(state.random)
         self._accepted = np.zeros(len(self._y), dtype=np.int64)
@@ -99,12 +99,14 @@ class _Ensemble:
         self._proposed, self._ratio = self._proposal(self._y[self._moving], self.random, self._y[self._group != group])
         return self._proposed
 
-    def decide(self, log_density: FloatArray) -> None:
-        """Accept or reject the last proposed points, given their log density."""
-        gained = log_density - self._log_density[self._moving] + self._ratio
+    def decide(self, log_density: FloatArray, log_volume: FloatArray) -> None:
+        """Accept or reject the last proposed points, given their log density and the map's Jacobian there."""
+        before = self._log_density[self._moving] + self._log_volume[self._moving]
+        gained = (log_density + log_volume) - before + self._ratio
         accepted = np.log(self.random.rand(len(self._moving))) < gained
         moved = self._moving[accepted]
         self._y[moved], self._log_density[moved] = self._proposed[accepted], log_density[accepted]
+        self._log_volume[moved] = log_volume[accepted]
         self._accepted[moved] += 1
 
     def store(self, row: int) -> None:

@@ -46,10 +46,11 @@ class ReversibleKernel:
 
     def walk(self, z: FloatArray, steps: int, rng: np.random.Generator) -> FloatArray:
         """Return the points reached from ``z`` of shape (chains, dimension) after a number of steps."""
-        y, at = self._map.inverse(z), self._density(z)
+        y = self._map.inverse(z)
+        at = self._density(z) + self._map.log_volume(y)
         for _ in range(steps):
             proposed, ratio = self._proposed(y, rng)
-            found = self._density(self._map.forward(proposed))
+            found = self._density(self._map.forward(proposed)) + self._map.log_volume(proposed)
             with np.errstate(invalid="ignore"):
                 accepted = np.log(rng.random(len(z))) < np.nan_to_num(found, nan=-np.inf) - at + ratio
             y, at = np.where(accepted[:, None], proposed, y), np.where(accepted, found, at)

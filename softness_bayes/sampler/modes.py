@@ -91,4 +91,5 @@ def _overlapping(modes: Sequence[TriangularMap], label: Labels, draws: FloatArra
 
 
 def _log_densities(modes: Sequence[TriangularMap], z: FloatArray) -> FloatArray:
-    return np.stack([_LAW.log_density(mode.inverse(z)) - mode.log_volume for mode in modes])
+    each = ((mode, mode.inverse(z)) for mode in modes)
+    return np.stack([_LAW.log_density(y) - mode.log_volume(y) for mode, y in each])

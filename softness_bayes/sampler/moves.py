@@ -142,9 +142,11 @@ class StudentModes:
         return proposed, self._log_density(y) - self._log_density(proposed)
 
     def _log_density(self, y: FloatArray) -> FloatArray:
+        """Return the log density of the mixture in the walkers' coordinates, up to a constant, shape (walkers,)."""
         z = self.walkers.forward(y)
-        of_each = [self.law.log_density(mode.inverse(z)) - mode.log_volume for mode in self.modes]
-        return np.asarray(np.logaddexp.reduce(of_each, axis=0))
+        each = ((mode, mode.inverse(z)) for mode in self.modes)
+        of_each = [self.law.log_density(u) - mode.log_volume(u) for mode, u in each]
+        return np.asarray(np.logaddexp.reduce(of_each, axis=0) + self.walkers.log_volume(y))
 
 
 FIRST_MOVES: Moves = ((DifferentialEvolution(), 0.9), (DifferentialEvolution(1.0), 0.1))
