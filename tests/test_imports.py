@@ -7,7 +7,7 @@ import sys
 def test_figures_of_a_run_import_no_arviz():
     code = (
         "import sys, numpy as np; from softness_bayes.base.arviz_bridge import without\n"
-        "with without('arviz'): import corner\n"
+        "with without('arviz', 'corner'): import corner\n"
         "corner.corner(np.random.default_rng(1).normal(size=(500, 2)), labels=['a', 'b']); "
         "print('arviz' in sys.modules, 'matplotlib' in sys.modules)"
     )

@@ -69,7 +69,7 @@ def same(one, other):
         np.testing.assert_array_equal(a.random[1], b.random[1])
     for a, b in zip(one.map.bends, other.map.bends, strict=True):
         np.testing.assert_array_equal(a, b)
-    for name in ("centre", "axes", "scale"):
+    for name in ("centre", "axes", "knots"):
         np.testing.assert_array_equal(getattr(one.map, name), getattr(other.map, name))
     if one.steps:
         for name in ("coordinates", "log_density", "accepted"):
