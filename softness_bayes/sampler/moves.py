@@ -86,7 +86,7 @@ class Student:
 
 @dataclass(frozen=True)
 class StudentBlocks:
-    """Proposals of new values for a random share of the coordinates of each walker; the others stay.
+    """Proposals of new values for a random share of the coordinates of each walker, at least one; the others stay.
 
     The values are from Student's t about the origin. In many dimensions, a proposal of all coordinates at once is
     rarely accepted: one poorly mapped coordinate is enough to reject it. Most blocks do not contain that coordinate.
@@ -169,8 +169,8 @@ MANY_DIMENSIONS = 20
 
 MANY_DIMENSIONS_MOVES: Moves = (
     (Student(20.0), 0.3),
-    (StudentBlocks(0.05), 0.2),
-    (StudentBlocks(0.2), 0.2),
+    (StudentBlocks(0.0, Student(1.0)), 0.25),  # one coordinate, from so wide a law that a walker leaves any tail of it
+    (StudentBlocks(0.2), 0.15),
     (DifferentialEvolution(), 0.15),
     (DifferentialEvolution(0.12), 0.1),
     (DifferentialEvolution(1.0), 0.05),

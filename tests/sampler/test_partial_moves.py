@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -110,8 +110,23 @@ def test_moves_of_some_coordinates_leave_a_known_law_as_it_is(bend, moves, known
     assert moved > 0.5
 
 
+class Uneven(TriangularMap):
+    """A map whose Jacobian the sampler is not told."""
+
+    def log_volume(self, y):
+        return np.zeros(y.shape[:-1])
+
+
+def test_a_map_of_uneven_jacobian_leaves_a_known_law_as_it_is():
+    """Negative control: without the Jacobian the law changes."""
+    knots = np.tile([-3.0, -1.0, 0.0, 0.5, 0.9], (DIMENSION, 1))
+    right, wrong = (kind(*vars(replace(IDENTITY, knots=knots)).values()) for kind in (TriangularMap, Uneven))
+    assert largest_deviation(0.0, MANY_DIMENSIONS_MOVES, right)[0] < 4.5
+    assert largest_deviation(0.0, MANY_DIMENSIONS_MOVES, wrong)[0] > 12
+
+
 @pytest.mark.parametrize("bend", [0.0, 0.5])
-@pytest.mark.parametrize("move", [StudentBlocks(0.05)])
+@pytest.mark.parametrize("move", [StudentBlocks(0.05), StudentBlocks(0.0, Student(1.0))])
 def test_without_the_hastings_ratio_the_law_changes(bend, move):
     """Negative control."""
     assert largest_deviation(bend, ((Careless(move), 1.0),))[0] > 12
@@ -133,4 +148,4 @@ def test_the_hastings_ratio_is_that_of_the_coordinates_that_moved():
 def test_few_dimensions_do_without_them():
     assert "StudentBlocks" not in Settings().description(12)["moves"]
     told = Settings().description(30)["moves"]
-    assert "StudentBlocks(share=0.05" in told
+    assert "StudentBlocks(share=0.0, law=Student(freedom=1.0))" in told
