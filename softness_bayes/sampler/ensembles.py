@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.sampler.adaptation import TriangularMap
 from softness_bayes.sampler.chains import EnsembleState, Segment, random_state
-from softness_bayes.sampler.moves import Moves, Proposal, Student, StudentModes
+from softness_bayes.sampler.moves import Moves, OneParameter, Proposal, Student, StudentModes
 from softness_bayes.sampler.target import TargetDensity
 
 FloatArray = NDArray[np.float64]
@@ -49,8 +49,8 @@ def advance(
     modes
         Maps of the density's modes, if it has several.
     """
-    about = tuple(modes)  # of a density with several modes: proposals about the origin become proposals about each
-    proposals = [StudentModes(one, map, about) if about and isinstance(one, Student) else one for one, _ in moves]
+    about = tuple(modes)
+    proposals = [_placed(one, map, about) for one, _ in moves]
     chances = np.array([share for _, share in moves])
     chances /= sum(share for _, share in moves)
     ensembles = [_Ensemble(state, map.log_volume(state.coordinates), steps // stride) for state in states]
@@ -70,6 +70,13 @@ def advance(
             for one in ensembles:
                 one.store(step // stride - 1)
     return [(one.state, one.segment(map)) for one in ensembles]
+
+
+def _placed(proposal: Proposal, map: TriangularMap, modes: tuple[TriangularMap, ...]) -> Proposal:
+    """Return a proposal that knows the map, and makes proposals about each mode instead of about the origin."""
+    if isinstance(proposal, OneParameter):
+        return OneParameter(map)
+    return StudentModes(proposal, map, modes) if modes and isinstance(proposal, Student) else proposal
 
 
 class _Ensemble:
