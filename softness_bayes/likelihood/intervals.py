@@ -210,11 +210,10 @@ class IntervalRatings(RatingsLikelihood):
         self._raters, rater = np.unique(design.participant[self._first], return_inverse=True)
         latent, level = scale.additive(self.values), model.level
         trust = np.ones(latent.size) if model.law == NORMAL else _trust(latent, design.participant, design.condition)
-        fabric, trusted = design.fabric[self._condition], trust[self._first]
-        how = model.law, rater, fabric, design.n_fabrics, level.mean, level.sd, trusted, model.beyond, times
+        fabric, trust, answer = design.fabric[self._condition], trust[self._first], answer[self._first]
+        how = model.law, rater, fabric, design.n_fabrics, level.mean, level.sd, trust, model.beyond, times, answer
         by_sums = model.law == NORMAL and self._exact.all()
-        number = answer[self._first]
-        self._table = NormalTable(*how, number, values=latent[self._first]) if by_sums else Table(*how, number)
+        self._table = NormalTable(*how, values=latent[self._first]) if by_sums else Table(*how)
         self._integrals = Integrals(self._table)
         self._density = self._integrals.log_density
         self._slope = np.where(self._exact, scale.log_slope(self.values), 0.0)

@@ -63,8 +63,7 @@ class TriangularMap:
     def log_volume(self, y: FloatArray) -> FloatArray:
         """Return the logarithm of the Jacobian |dz/dy| at map coordinates ``y`` (..., dimension), shape (...)."""
         slopes = np.log(np.diff(self.knots) / np.diff(SCORES))
-        place = (y[..., None] > SCORES[1:-1]).sum(axis=-1)
-        of_each = slopes[np.arange(len(slopes)), place]
+        of_each = slopes[np.arange(len(slopes)), _segment(y, SCORES)]
         return np.asarray(np.linalg.slogdet(self.axes)[1] + of_each.sum(axis=-1))
 
     @classmethod
@@ -108,12 +107,11 @@ class TriangularMap:
     def inverse(self, z: FloatArray) -> FloatArray:
         """Return map coordinates y of points ``z``."""
         t = np.asarray(np.linalg.solve(self.axes, (z - self.centre)[..., None])[..., 0], float)
-        return _interpolated(t - _bent(t, self.bends), self.knots, np.broadcast_to(SCORES, self.knots.shape))
+        return _interpolated(t - _bent(t, self.bends), self.knots, SCORES)
 
     def _along(self, y: FloatArray) -> FloatArray:
         """Return the coordinates t, shape (points, dimension), of points ``y`` of shape (..., dimension)."""
-        flat = y.reshape(-1, y.shape[-1])
-        t = _interpolated(flat, np.broadcast_to(SCORES, self.knots.shape), self.knots).T
+        t = _interpolated(y.reshape(-1, y.shape[-1]), SCORES, self.knots).T
         near, features = np.empty(t.shape), np.empty((_count(len(t)), t.shape[1]))
         features[0] = 1.0
         for k, bend in enumerate(self.bends):
@@ -276,11 +274,16 @@ def _knots(left: FloatArray, effective: float) -> FloatArray:
 
 
 def _interpolated(values: FloatArray, given: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Return piecewise linear functions of values (..., dimension), each through its points (dimension, scores)."""
-    place, each = (values[..., None] > given[:, 1:-1]).sum(axis=-1), np.arange(len(given))
+    """Return piecewise linear functions of values (..., dimension), through points (dimension, scores) or (scores,)."""
     slope = np.diff(wanted) / np.diff(given)
-    start = wanted[:, :-1] - slope * given[:, :-1]
-    return np.asarray(start[each, place] + slope[each, place] * values)
+    start = wanted[..., :-1] - slope * given[..., :-1]
+    place = np.arange(len(slope)), _segment(values, given)
+    return np.asarray(start[place] + slope[place] * values)
+
+
+def _segment(values: FloatArray, points: FloatArray) -> NDArray[np.intp]:
+    """Return which segment between ascending points, (dimension, scores) or (scores,), each value is on or beyond."""
+    return np.asarray((values[..., None] > points[..., 1:-1]).sum(axis=-1))
 
 
 def _bent(t: FloatArray, bends: tuple[FloatArray, ...]) -> FloatArray:

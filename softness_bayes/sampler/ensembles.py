@@ -49,8 +49,7 @@ def advance(
     modes
         Maps of the density's modes, if it has several.
     """
-    about = tuple(modes)
-    proposals = [_placed(one, map, about) for one, _ in moves]
+    proposals = [_placed(one, map, tuple(modes)) for one, _ in moves]
     chances = np.array([share for _, share in moves])
     chances /= sum(share for _, share in moves)
     ensembles = [_Ensemble(state, map.log_volume(state.coordinates), steps // stride) for state in states]
@@ -73,7 +72,7 @@ def advance(
 
 
 def _placed(proposal: Proposal, map: TriangularMap, modes: tuple[TriangularMap, ...]) -> Proposal:
-    """Return a proposal that knows the map, and makes proposals about each mode instead of about the origin."""
+    """Return a proposal that knows the map, and is about each of several modes instead of about the origin."""
     if isinstance(proposal, OneParameter):
         return OneParameter(map)
     return StudentModes(proposal, map, modes) if modes and isinstance(proposal, Student) else proposal

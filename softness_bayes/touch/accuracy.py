@@ -35,8 +35,8 @@ PRESETS = (
 extent of the population integral has the least of the errors measured under indentations of 1 to 3 mm and forces of 0.1
 to 2 N, and the parts have similar errors, because refining one of them alone gains nothing."""
 
-LOAD_SHARES = (0.77, 1.0)
-"""Shares of a preset's places along the loads that are tried, where responses are interpolated along them: those to
+FEWER_LOADS = 0.77
+"""Share of a preset's places along the loads that is tried first, where responses are interpolated along them: those to
 forces are smoother than those to indentations, which determine the preset."""
 
 MARGIN = 0.8
@@ -243,9 +243,11 @@ def choose(
     tried: list[ChosenResolution] = []
     for preset in presets:
         scene = compiled(preset)
-        for share in LOAD_SHARES if scene.along else (1.0,):
-            some = scene.coarser(replace(preset, load_nodes=share * (preset.load_nodes or 0.0)))
-            tried.append(measured(some, draws, accuracy))
+        scenes = [scene]
+        if scene.along and preset.load_nodes is not None:
+            scenes.insert(0, scene.coarser(replace(preset, load_nodes=FEWER_LOADS * preset.load_nodes)))
+        for one in scenes:
+            tried.append(measured(one, draws, accuracy))
             if tried[-1].errors.largest <= MARGIN * accuracy:
                 return tried[-1]
     best = min(tried, key=lambda one: one.errors.largest)
